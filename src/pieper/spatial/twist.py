@@ -1,0 +1,350 @@
+"""Twists and screws: exponential, logarithm and adjoint of SE(3), in NumPy alone.
+
+A twist is a 6-vector with its *linear part first*, ``(v, w)``, in metres and radians (or per second). Poses are
+``T_a_b``: coordinates in b to coordinates in a. Where a source writes ``(w, v)``, its formulas are turned round here.
+
+References
+----------
+Murray, Li, Sastry, A Mathematical Introduction to Robotic Manipulation (1994), chapter 2 and appendix A.
+Lynch, Park, Modern Robotics (2017), chapter 3 (angular part first there).
+Shepperd, Quaternion from rotation matrix, J. Guidance and Control 1 (1978) 223-224.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pieper.errors import ArrayError
+from pieper.spatial._checks import FloatArray, poses, stack
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+_SERIES_BELOW = 0.25  # of the squared angle: below it the quotients cancel, and eight terms of their series are exact
+# sin(x)/x, (1 - cos(x))/x^2 and (x - sin(x))/x^3 as power series in x^2
+_SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(8))
+_COSINE = tuple((-1.0) ** k / math.factorial(2 * k + 2) for k in range(8))
+_EXCESS = tuple((-1.0) ** k / math.factorial(2 * k + 3) for k in range(8))
+# (1 - (x/2) cot(x/2))/x^2 as power series in x^2: |B_2k|/(2k)! with the Bernoulli numbers B_2k
+_COTANGENT = (
+    1 / 12, 1 / 720, 1 / 30240, 1 / 1209600, 1 / 47900160, 691 / 1307674368000, 1 / 74724249600, 3617 / 10670622842880000,
+)  # fmt: skip
+
+
+def hat(vector: ArrayLike) -> FloatArray:
+    """Matrix form of a rotation vector, ``(..., 3)``, or of a twist, ``(..., 6)``.
+
+    ``hat(w) @ p = w x p``, and for a twist ``hat((v, w)) = [[hat(w), v], [0, 0]]`` (Murray, Li, Sastry, eq. 2.4, 2.30).
+
+    Parameters
+    ----------
+    vector : (..., 3) or (..., 6) array
+        Rotation vector [rad] or twist, linear part first [m, rad].
+
+    Returns
+    -------
+    (..., 3, 3) or (..., 4, 4) array
+
+    Raises
+    ------
+    ArrayError
+        When the last axis is neither 3 nor 6 long, or a number is not finite.
+
+    Examples
+    --------
+    >>> hat([1.0, 2.0, 3.0])
+    array([[ 0., -3.,  2.],
+           [ 3.,  0., -1.],
+           [-2.,  1.,  0.]])
+    """
+    x = stack(vector, ("n",), "vector")
+    if x.shape[-1] == 3:
+        return _skew(x)
+    if x.shape[-1] != 6:
+        raise ArrayError(f"vector must have shape (..., 3) or (..., 6), got {x.shape}")
+    matrix = np.zeros((*x.shape[:-1], 4, 4))
+    matrix[..., :3, :3] = _skew(x[..., 3:])
+    matrix[..., :3, 3] = x[..., :3]
+    return matrix
+
+
+def vee(matrix: ArrayLike) -> FloatArray:
+    """Vector of a matrix that `hat` made; the inverse of `hat`.
+
+    Parameters
+    ----------
+    matrix : (..., 3, 3) or (..., 4, 4) array
+        Its 3x3 block is antisymmetric, its fourth row zero.
+
+    Returns
+    -------
+    (..., 3) or (..., 6) array
+        Rotation vector, or twist with the linear part first.
+
+    Raises
+    ------
+    ArrayError
+        When the shape is wrong or the matrix is not of that form to 1e-9 of its size.
+
+    Examples
+    --------
+    >>> vee(hat([0.1, 0.0, 0.0, 0.0, 0.0, 2.0]))
+    array([0.1, 0. , 0. , 0. , 0. , 2. ])
+    """
+    X = stack(matrix, ("n", "n"), "matrix")
+    if X.shape[-2:] not in ((3, 3), (4, 4)):
+        raise ArrayError(f"matrix must have shape (..., 3, 3) or (..., 4, 4), got {X.shape}")
+    W = X[..., :3, :3]
+    size = np.abs(X).max(initial=1.0)
+    symmetric = np.abs(W + np.swapaxes(W, -1, -2)).max(initial=0.0)
+    last_row = np.abs(X[..., 3:, :]).max(initial=0.0)
+    if max(symmetric, last_row) > 1e-9 * size:
+        raise ArrayError(
+            f"matrix must be antisymmetric with a zero fourth row; its symmetric part is {symmetric / 2:.3g} "
+            f"and its fourth row {last_row:.3g}; for a pose use twist.log"
+        )
+    w = 0.5 * np.stack([W[..., 2, 1] - W[..., 1, 2], W[..., 0, 2] - W[..., 2, 0], W[..., 1, 0] - W[..., 0, 1]], axis=-1)
+    return w if X.shape[-1] == 3 else np.concatenate([X[..., :3, 3], w], axis=-1)
+
+
+def exp(twist: ArrayLike) -> FloatArray:
+    """Pose reached by following a twist for unit time, ``T = exp(hat(twist))``.
+
+    With ``x = |w|`` (Murray, Li, Sastry, eq. 2.14 and 2.36):
+    ``R = cos(x) + sin(x)/x hat(w) + (1 - cos(x))/x^2 w w^T`` and
+    ``p = (1 + (1 - cos(x))/x^2 hat(w) + (x - sin(x))/x^3 hat(w)^2) v``.
+
+    Parameters
+    ----------
+    twist : (..., 6) array
+        Linear part first [m, rad]. For a screw axis, the axis times its angle.
+
+    Returns
+    -------
+    (..., 4, 4) array
+        Exact to rounding for every angle; the quotients are power series below 0.5 rad.
+
+    Raises
+    ------
+    ArrayError
+        When the shape is wrong or a number is not finite.
+
+    Examples
+    --------
+    A quarter turn about the vertical line through (1, 0, 0) takes the origin to (1, -1, 0):
+
+    >>> T = exp(np.array([0.0, -1.0, 0.0, 0.0, 0.0, 1.0]) * np.pi / 2)
+    >>> np.round(T[:3, 3], 12)
+    array([ 1., -1.,  0.])
+    """
+    xi = stack(twist, (6,), "twist")
+    v, w = xi[..., :3], xi[..., 3:]
+    x = _norm(w)
+    sine, cosine, excess = _exp_coefficients(x)
+    T = np.zeros((*xi.shape[:-1], 4, 4))
+    T[..., :3, :3] = sine * _skew(w) + cosine * (w[..., :, None] * w[..., None, :])
+    for i in range(3):
+        T[..., i, i] += np.cos(x)
+    w_v = np.cross(w, v)
+    T[..., :3, 3] = v + cosine[..., 0] * w_v + excess[..., 0] * np.cross(w, w_v)
+    T[..., 3, 3] = 1.0
+    return T
+
+
+def log(T: ArrayLike) -> FloatArray:
+    """Twist that reaches a pose in unit time, with an angle in [0, pi]; the inverse of `exp`.
+
+    The rotation vector comes from the quaternion by ``2 atan2(|v|, w)``, which is exact near 0 and near pi, and
+    ``v = (1 - hat(w)/2 + (1 - (x/2) cot(x/2))/x^2 hat(w)^2) p`` (Murray, Li, Sastry, appendix A; Modern Robotics, eq. 3.92).
+
+    Parameters
+    ----------
+    T : (..., 4, 4) array
+        Pose ``T_a_b`` [m, -].
+
+    Returns
+    -------
+    (..., 6) array
+        Linear part first [m, rad], in frame a (or b: the twist of ``T`` is the same in both).
+
+    Raises
+    ------
+    ArrayError
+        When the shape is wrong, a number is not finite, or the block is not a rotation (the deviation is told).
+
+    Notes
+    -----
+    At an angle of pi two twists reach the pose. Of the two axes the one whose first non-zero component is positive
+    is returned; at pi within rounding that choice may go either way.
+
+    Examples
+    --------
+    >>> T = np.array([[-1.0, 0, 0, 0], [0, -1, 0, 0], [0, 0, 1, 0.5], [0, 0, 0, 1]])
+    >>> log(T)
+    array([0.        , 0.        , 0.5       , 0.        , 0.        ,
+           3.14159265])
+    """
+    pose = poses(T, "T")
+    p = pose[..., :3, 3]
+    quaternion = quaternion_from_matrix(pose[..., :3, :3])
+    w = rotation_vector_from_quaternion(quaternion)
+    half_sine, half_cosine = _norm(quaternion[..., :3]), quaternion[..., 3]
+    x = 2.0 * np.arctan2(half_sine, half_cosine)
+    square = x * x
+    small = square < _SERIES_BELOW
+    safe = np.where(small, 1.0, square)
+    safe_sine = np.where(small, 1.0, half_sine)
+    coefficient = np.where(
+        small, _series(np.where(small, square, 0.0), _COTANGENT), (1.0 - 0.5 * x * half_cosine / safe_sine) / safe
+    )
+    w_p = np.cross(w, p)
+    v = p - 0.5 * w_p + coefficient[..., None] * np.cross(w, w_p)
+    return np.concatenate([v, w], axis=-1)
+
+
+def adjoint(T: ArrayLike) -> FloatArray:
+    """Matrix that takes a twist from frame b to frame a: ``twist_a = adjoint(T_a_b) @ twist_b``.
+
+    ``Ad(T) = [[R, hat(p) R], [0, R]]`` for the linear part first (Murray, Li, Sastry, eq. 2.58).
+
+    Parameters
+    ----------
+    T : (..., 4, 4) array
+        Pose ``T_a_b`` [m, -].
+
+    Returns
+    -------
+    (..., 6, 6) array
+
+    Raises
+    ------
+    ArrayError
+        When the shape is wrong or a number is not finite.
+
+    Examples
+    --------
+    A turn about an axis 2 m away along x moves the origin sideways:
+
+    >>> T = np.eye(4)
+    >>> T[0, 3] = 2.0
+    >>> adjoint(T) @ [0, 0, 0, 0, 0, 1]
+    array([ 0., -2.,  0.,  0.,  0.,  1.])
+    """
+    pose = stack(T, (4, 4), "T")
+    R = pose[..., :3, :3]
+    A = np.zeros((*pose.shape[:-2], 6, 6))
+    A[..., :3, :3] = R
+    A[..., 3:, 3:] = R
+    A[..., :3, 3:] = _skew(pose[..., :3, 3]) @ R
+    return A
+
+
+def ad(twist: ArrayLike) -> FloatArray:
+    """Matrix of the Lie bracket: ``ad(a) @ b = vee(hat(a) hat(b) - hat(b) hat(a))``, and ``exp(ad(a)) = adjoint(exp(a))``.
+
+    ``ad((v, w)) = [[hat(w), hat(v)], [0, hat(w)]]`` for the linear part first.
+
+    Parameters
+    ----------
+    twist : (..., 6) array
+        Linear part first [m, rad].
+
+    Returns
+    -------
+    (..., 6, 6) array
+
+    Raises
+    ------
+    ArrayError
+        When the shape is wrong or a number is not finite.
+
+    Examples
+    --------
+    Two axes that meet at right angles: their bracket is the third one.
+
+    >>> ad([0, 0, 0, 1, 0, 0]) @ [0, 0, 0, 0, 1, 0]
+    array([0., 0., 0., 0., 0., 1.])
+    """
+    xi = stack(twist, (6,), "twist")
+    W = _skew(xi[..., 3:])
+    A = np.zeros((*xi.shape[:-1], 6, 6))
+    A[..., :3, :3] = W
+    A[..., 3:, 3:] = W
+    A[..., :3, 3:] = _skew(xi[..., :3])
+    return A
+
+
+def quaternion_from_matrix(R: FloatArray) -> FloatArray:
+    """Unit quaternion xyzw of each rotation matrix, with ``w >= 0`` (trusts its argument).
+
+    Shepperd's choice: divide by the largest of the four components, so that nothing cancels at any angle.
+    """
+    diagonal = np.stack([R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]], axis=-1)
+    trace = diagonal.sum(axis=-1)
+    # the four rows are 4 x q, 4 y q, 4 z q and 4 w q: the outer product of the quaternion with itself
+    outer = np.empty((*R.shape[:-2], 4, 4))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        outer[..., i, i] = 1.0 + 2.0 * diagonal[..., i] - trace
+        outer[..., i, j] = outer[..., j, i] = R[..., j, i] + R[..., i, j]
+        outer[..., i, 3] = outer[..., 3, i] = R[..., k, j] - R[..., j, k]
+    outer[..., 3, 3] = 1.0 + trace
+    largest = np.argmax(np.diagonal(outer, axis1=-2, axis2=-1), axis=-1)
+    q = np.take_along_axis(outer, largest[..., None, None], axis=-2)[..., 0, :]
+    return canonical(q / _norm(q)[..., None])
+
+
+def canonical(quaternion: FloatArray) -> FloatArray:
+    """Of ``q`` and ``-q`` the one with ``w > 0``, or at ``w = 0`` with its first non-zero component positive."""
+    x, y, z, w = (quaternion[..., i] for i in range(4))
+    deciding = np.where(w != 0.0, w, np.where(x != 0.0, x, np.where(y != 0.0, y, z)))
+    return np.where((deciding < 0.0)[..., None], -quaternion, quaternion) + 0.0  # + 0.0 turns -0.0 into 0.0
+
+
+def rotation_vector_from_quaternion(quaternion: FloatArray) -> FloatArray:
+    """Axis times angle [rad], angle in [0, pi], of unit quaternions xyzw with ``w >= 0`` (trusts its argument)."""
+    vector = quaternion[..., :3]
+    half_sine = _norm(vector)
+    angle = 2.0 * np.arctan2(half_sine, quaternion[..., 3])
+    # angle / sin(angle/2) tends to 2; where the sine is 0 the quotient does not matter
+    scale = np.where(half_sine > 0.0, angle / np.where(half_sine > 0.0, half_sine, 1.0), 2.0)
+    rotation_vector: FloatArray = scale[..., None] * vector
+    return rotation_vector
+
+
+def _exp_coefficients(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """``sin(x)/x``, ``(1 - cos(x))/x^2`` and ``(x - sin(x))/x^3``, each with two trailing axes of length 1."""
+    square = x * x
+    small = square < _SERIES_BELOW
+    s = np.where(small, square, 0.0)
+    safe = np.where(small, 1.0, x)
+    half = np.sin(0.5 * safe) / safe
+    sine = np.where(small, _series(s, _SINE), np.sin(safe) / safe)
+    cosine = np.where(small, _series(s, _COSINE), 2.0 * half * half)
+    excess = np.where(small, _series(s, _EXCESS), (1.0 - np.sin(safe) / safe) / (safe * safe))
+    return sine[..., None, None], cosine[..., None, None], excess[..., None, None]
+
+
+def _series(square: FloatArray, coefficients: tuple[float, ...]) -> FloatArray:
+    """Horner's rule."""
+    total = np.full_like(square, coefficients[-1])
+    for c in reversed(coefficients[:-1]):
+        total = total * square + c
+    return total
+
+
+def _norm(vector: FloatArray) -> FloatArray:
+    """Euclidean length along the last axis, without under- or overflow of the squares."""
+    size = np.abs(vector).max(axis=-1, keepdims=True)
+    scaled = vector / np.where(size > 0.0, size, 1.0)
+    length: FloatArray = np.sqrt((scaled * scaled).sum(axis=-1)) * size[..., 0]
+    return length
+
+
+def _skew(w: FloatArray) -> FloatArray:
+    W = np.zeros((*w.shape[:-1], 3, 3))
+    W[..., 2, 1], W[..., 0, 2], W[..., 1, 0] = w[..., 0], w[..., 1], w[..., 2]
+    W[..., 1, 2], W[..., 2, 0], W[..., 0, 1] = -w[..., 0], -w[..., 1], -w[..., 2]
+    return W
