@@ -1,0 +1,174 @@
+// Forward kinematics of one arm, the UR5e, written out by hand.
+//
+// The yardstick for a general kernel: this one knows the arm. Joints 2, 3 and 4 are parallel, so their angles are
+// added before the sine is taken; every twist is a quarter turn and costs nothing; the fixed turn of half a circle
+// at the base is a change of sign. Eight configurations are worked on at once, one in each lane.
+//
+// Lengths are the published Denavit-Hartenberg parameters. With u = (cos q1, sin q1, 0), w = (sin q1, -cos q1, 0)
+// and k = (0, 0, 1) the arm moves in the plane of u and k and is pushed out of it along w:
+//
+//     x4 = cos(t) u + sin(t) k,  z4 = sin(t) u - cos(t) k,  t = q2 + q3 + q4
+//     z5 = -sin(q5) x4 + cos(q5) w
+//     p  = d1 k + a2 (cos(q2) u + sin(q2) k) + a3 (cos(q2 + q3) u + sin(q2 + q3) k) + d4 w + d5 z4 + d6 z5
+//
+// Built by benchmarks/forward_kinematics.py, called through ctypes.
+
+#include <cstdint>
+#include <cstring>
+#if defined(__AVX512F__)
+#include <immintrin.h>
+#endif
+
+namespace {
+
+using Lanes = double __attribute__((vector_size(64)));
+using Integers = std::int64_t __attribute__((vector_size(64)));
+
+constexpr double d1 = 0.1625, a2 = -0.425, a3 = -0.3922, d4 = 0.1333, d5 = 0.0997, d6 = 0.0996;
+
+Lanes all(double value) { return Lanes{} + value; }
+
+// Two registers hold 16 numbers; pick eight of them.
+#define PICK(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
+
+// sin and cos of every lane for |angle| up to about 1e5, error below one unit in the last place.
+// Reduction to a quarter turn in three parts (Cody and Waite), then the minimax polynomials of fdlibm.
+inline void sincos(Lanes angle, Lanes& sine, Lanes& cosine) {
+    const Lanes shift = all(6755399441055744.0);  // 1.5 * 2^52: adding it rounds to an integer
+    const Lanes shifted = angle * 0.6366197723675814 + shift;
+    const Lanes turns = shifted - shift;
+    const Integers quadrant = (Integers)shifted;
+    Lanes r = angle - turns * 1.5707963267948966;
+    r = r - turns * 6.123233995736766e-17;
+
+    const Lanes z = r * r;
+    const Lanes s = ((((z * 1.58969099521155010221e-10 - 2.50507602534068634195e-08) * z + 2.75573137070700676789e-06) * z -
+                      1.98412698298579493134e-04) * z + 8.33333333332248946124e-03) * z - 1.66666666666666324348e-01;
+    const Lanes c = ((((z * -1.13596475577881948265e-11 + 2.08757232129817482790e-09) * z - 2.75573143513906633035e-07) * z +
+                      2.48015872894767294178e-05) * z - 1.38888888888741095749e-03) * z + 4.16666666666666019037e-02;
+    const Lanes sin_r = r + r * (z * s);
+    const Lanes cos_r = (1.0 - 0.5 * z) + (z * z) * c;
+
+    const Integers odd = (quadrant & 1) != 0;
+    const Integers sine_sign = (quadrant & 2) << 62;
+    const Integers cosine_sign = ((quadrant + 1) & 2) << 62;
+    sine = (Lanes)((Integers)(odd ? cos_r : sin_r) ^ sine_sign);
+    cosine = (Lanes)((Integers)(odd ? sin_r : cos_r) ^ cosine_sign);
+}
+
+// Eight rows of six joints to six columns. Lane order is 0 4 1 5 2 6 3 7.
+inline void load(const double* q, Lanes (&joint)[6]) {
+    Lanes row[6];
+    std::memcpy(row, q, sizeof row);
+    const Lanes x01 = PICK(row[0], row[1], 0, 1, 6, 7, 12, 13, 12, 13), y01 = PICK(row[3], row[4], 0, 1, 6, 7, 12, 13, 12, 13);
+    const Lanes x23 = PICK(row[0], row[1], 2, 3, 8, 9, 14, 15, 14, 15), y23 = PICK(row[3], row[4], 2, 3, 8, 9, 14, 15, 14, 15);
+    const Lanes x45 = PICK(row[0], row[1], 4, 5, 10, 11, 10, 11, 10, 11), y45 = PICK(row[3], row[4], 4, 5, 10, 11, 10, 11, 10, 11);
+    const Lanes a01 = PICK(x01, row[2], 0, 1, 2, 3, 4, 5, 10, 11), b01 = PICK(y01, row[5], 0, 1, 2, 3, 4, 5, 10, 11);
+    const Lanes a23 = PICK(x23, row[2], 0, 1, 2, 3, 4, 5, 12, 13), b23 = PICK(y23, row[5], 0, 1, 2, 3, 4, 5, 12, 13);
+    const Lanes a45 = PICK(x45, row[2], 0, 1, 2, 3, 8, 9, 14, 15), b45 = PICK(y45, row[5], 0, 1, 2, 3, 8, 9, 14, 15);
+    joint[0] = PICK(a01, b01, 0, 8, 2, 10, 4, 12, 6, 14);
+    joint[1] = PICK(a01, b01, 1, 9, 3, 11, 5, 13, 7, 15);
+    joint[2] = PICK(a23, b23, 0, 8, 2, 10, 4, 12, 6, 14);
+    joint[3] = PICK(a23, b23, 1, 9, 3, 11, 5, 13, 7, 15);
+    joint[4] = PICK(a45, b45, 0, 8, 2, 10, 4, 12, 6, 14);
+    joint[5] = PICK(a45, b45, 1, 9, 3, 11, 5, 13, 7, 15);
+}
+
+template <bool around_cache>
+inline void put(double* address, Lanes value) {
+#if defined(__AVX512F__)
+    if constexpr (around_cache) {
+        _mm512_stream_pd(address, (__m512d)value);
+        return;
+    }
+#endif
+    std::memcpy(address, &value, sizeof value);
+}
+
+// Columns of the first three rows (m[row][column]) to eight 4x4 matrices, rows of four one after the other.
+template <bool around_cache>
+inline void store(double* T, const Lanes (&m)[3][4]) {
+    // Pairs of neighbours: even lanes are poses 0 1 2 3, odd lanes 4 5 6 7.
+    Lanes pair[2][6];
+    for (int row = 0; row < 3; ++row) {
+        for (int side = 0; side < 2; ++side) {
+            pair[0][2 * row + side] = PICK(m[row][2 * side], m[row][2 * side + 1], 0, 8, 2, 10, 4, 12, 6, 14);
+            pair[1][2 * row + side] = PICK(m[row][2 * side], m[row][2 * side + 1], 1, 9, 3, 11, 5, 13, 7, 15);
+        }
+    }
+    const Lanes last = {0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
+    for (int half = 0; half < 2; ++half) {
+        const Lanes(&p)[6] = pair[half];
+        double* out = T + 64 * half;
+        // Rows of poses 0 and 1, then of 2 and 3 (of this half).
+        const Lanes top01 = PICK(p[0], p[1], 0, 1, 8, 9, 2, 3, 10, 11), top23 = PICK(p[0], p[1], 4, 5, 12, 13, 6, 7, 14, 15);
+        const Lanes mid01 = PICK(p[2], p[3], 0, 1, 8, 9, 2, 3, 10, 11), mid23 = PICK(p[2], p[3], 4, 5, 12, 13, 6, 7, 14, 15);
+        const Lanes low01 = PICK(p[4], p[5], 0, 1, 8, 9, 2, 3, 10, 11), low23 = PICK(p[4], p[5], 4, 5, 12, 13, 6, 7, 14, 15);
+        put<around_cache>(out, PICK(top01, mid01, 0, 1, 2, 3, 8, 9, 10, 11));
+        put<around_cache>(out + 8, PICK(low01, last, 0, 1, 2, 3, 8, 9, 10, 11));
+        put<around_cache>(out + 16, PICK(top01, mid01, 4, 5, 6, 7, 12, 13, 14, 15));
+        put<around_cache>(out + 24, PICK(low01, last, 4, 5, 6, 7, 12, 13, 14, 15));
+        put<around_cache>(out + 32, PICK(top23, mid23, 0, 1, 2, 3, 8, 9, 10, 11));
+        put<around_cache>(out + 40, PICK(low23, last, 0, 1, 2, 3, 8, 9, 10, 11));
+        put<around_cache>(out + 48, PICK(top23, mid23, 4, 5, 6, 7, 12, 13, 14, 15));
+        put<around_cache>(out + 56, PICK(low23, last, 4, 5, 6, 7, 12, 13, 14, 15));
+    }
+}
+
+template <bool around_cache>
+inline void eight(const double* q, double* T) {
+    Lanes joint[6];
+    load(q, joint);
+
+    Lanes s1, c1, s2, c2, s23, c23, s, c, s5, c5, s6, c6;
+    const Lanes q23 = joint[1] + joint[2];
+    sincos(joint[0], s1, c1);
+    sincos(joint[1], s2, c2);
+    sincos(q23, s23, c23);
+    sincos(q23 + joint[3], s, c);
+    sincos(joint[4], s5, c5);
+    sincos(joint[5], s6, c6);
+
+    // Columns x, y, z, p in the moving triad (u, w, k).
+    const Lanes cc5 = c * c5, sc5 = s * c5;
+    const Lanes column[4][3] = {
+        {c6 * cc5 - s6 * s, c6 * s5, c6 * sc5 + s6 * c},
+        {-s6 * cc5 - c6 * s, -s6 * s5, c6 * c - s6 * sc5},
+        {-s5 * c, c5, -s5 * s},
+        {a2 * c2 + a3 * c23 + d5 * s - (d6 * s5) * c, d4 + d6 * c5, d1 + a2 * s2 + a3 * s23 - d5 * c - (d6 * s5) * s},
+    };
+    // To base axes; the base link is turned by half a circle about k.
+    Lanes m[3][4];
+    for (int i = 0; i < 4; ++i) {
+        m[0][i] = -c1 * column[i][0] - s1 * column[i][1];
+        m[1][i] = c1 * column[i][1] - s1 * column[i][0];
+        m[2][i] = column[i][2];
+    }
+    store<around_cache>(T, m);
+}
+
+template <bool around_cache>
+void many(const double* q, std::int64_t count, double* T) {
+    std::int64_t i = 0;
+    for (; i + 8 <= count; i += 8) eight<around_cache>(q + 6 * i, T + 16 * i);
+    if (i < count) {  // the rest, in a padded copy
+        double padded_q[48] = {}, padded_T[128] __attribute__((aligned(64)));
+        std::memcpy(padded_q, q + 6 * i, sizeof(double) * 6 * (count - i));
+        eight<false>(padded_q, padded_T);
+        std::memcpy(T + 16 * i, padded_T, sizeof(double) * 16 * (count - i));
+    }
+#if defined(__AVX512F__)
+    if constexpr (around_cache) _mm_sfence();
+#endif
+}
+
+}  // namespace
+
+// q: count rows of 6 joints [rad]; T: count matrices of 4 x 4, row by row. around_cache != 0 writes past the caches
+// and needs T aligned to 64 bytes.
+extern "C" void ur5e_forward(const double* q, std::int64_t count, double* T, int around_cache) {
+    if (around_cache != 0 && reinterpret_cast<std::uintptr_t>(T) % 64 == 0)
+        many<true>(q, count, T);
+    else
+        many<false>(q, count, T);
+}
