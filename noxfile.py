@@ -1,0 +1,137 @@
+"""`nox` alone does what continuous integration does; `nox -l` lists every session."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import nox
+
+nox.needs_version = ">=2024.10"
+nox.options.default_venv_backend = "venv"
+nox.options.reuse_venv = "yes"
+nox.options.sessions = ["format", "lint", "types", "imports", "tests", "docs", "examples", "native"]
+
+PROJECT = nox.project.load_toml("pyproject.toml")
+OLDEST_PYTHON = "3.10"
+NEWEST_PYTHON = "3.14"
+
+
+def groups(*names: str) -> list[str]:
+    """The requirements of the named dependency groups."""
+    return list(nox.project.dependency_groups(PROJECT, *names))
+
+
+def install_pieper(session: nox.Session, *names: str, extra: str = "") -> None:
+    """Install pieper as a user gets it, compiled once and kept in build/, with the named groups."""
+    session.install(*groups("build", *names))
+    session.install("--no-build-isolation", f".{extra}")
+
+
+def native_sources() -> list[str]:
+    """Every C++ file that is written by hand."""
+    folders = (Path("native"), Path("benchmarks"))
+    return [str(p) for folder in folders for p in sorted(folder.rglob("*")) if p.suffix in {".cpp", ".hpp", ".h"}]
+
+
+@nox.session
+def format(session: nox.Session) -> None:  # noqa: A001
+    """Check the layout of Python and C++ files; `nox -s format -- fix` mends it."""
+    session.install(*groups("lint"))
+    fix = "fix" in session.posargs
+    session.run("ruff", "format", *([] if fix else ["--check"]), ".")
+    session.run("clang-format", *(["-i"] if fix else ["--dry-run", "--Werror"]), *native_sources())
+
+
+@nox.session
+def lint(session: nox.Session) -> None:
+    """Find mistakes that a linter can find."""
+    session.install(*groups("lint"))
+    session.run("ruff", "check", *session.posargs, ".")
+
+
+@nox.session
+def types(session: nox.Session) -> None:
+    """Check types: strict in src and examples."""
+    install_pieper(session, "lint", "test")
+    session.install("nox")
+    session.run("mypy", *session.posargs)
+
+
+@nox.session
+def imports(session: nox.Session) -> None:
+    """Check that imports point down."""
+    session.install(*groups("lint"))
+    # The cache goes by modification time and can answer for yesterday's file.
+    session.run("lint-imports", "--no-cache", "--no-logo", env={"PYTHONPATH": "src"})
+
+
+@nox.session
+def tests(session: nox.Session) -> None:
+    """Run the Python tests: laws, rows of the source documents, doctests, docs, examples."""
+    install_pieper(session, "test")
+    session.run("python", "-m", "pytest", *session.posargs)
+
+
+@nox.session
+def docs(session: nox.Session) -> None:
+    """Build the documentation; a warning is an error."""
+    install_pieper(session, "docs")
+    session.run("python", "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "docs", "build/docs")
+
+
+@nox.session
+def examples(session: nox.Session) -> None:
+    """Run every example and every code block of the documentation."""
+    install_pieper(session, "test")
+    session.run("python", "-m", "pytest", "tests/test_examples.py", "tests/test_docs.py", *session.posargs)
+
+
+@nox.session
+def native(session: nox.Session) -> None:
+    """Build and run the tests of the C++ library, without Python."""
+    session.install(*groups("build"))
+    session.run("bash", "-c", "source scripts/setup.sh && native_tests", external=True)
+
+
+@nox.session(python=OLDEST_PYTHON)
+def oldest(session: nox.Session) -> None:
+    """Run the tests with the oldest Python and the oldest versions that pyproject.toml admits."""
+    floors = [
+        d.replace(">=", "==")
+        for d in (*PROJECT["project"]["dependencies"], *PROJECT["project"]["optional-dependencies"]["symbolic"])
+    ]
+    install_pieper(session, "test")
+    session.install(*(f"{floor}.*" for floor in floors))
+    session.run("python", "-m", "pytest", *session.posargs)
+
+
+@nox.session(python=NEWEST_PYTHON)
+def newest(session: nox.Session) -> None:
+    """Run the tests with the newest Python and the newest versions, pre-releases included."""
+    session.install("--pre", "--upgrade", *groups("build", "test"))
+    session.install("--pre", "--no-build-isolation", ".[all]")
+    session.run("python", "-m", "pytest", *session.posargs)
+
+
+@nox.session
+def bench(session: nox.Session) -> None:
+    """Run the benchmarks named after `--`, or all of them."""
+    install_pieper(session, "test", "bench")
+    named = session.posargs or [str(p) for p in sorted(Path("benchmarks").glob("bench_*.py"))]
+    for script in named:
+        session.run("python", script)
+
+
+@nox.session
+def fuzz(session: nox.Session) -> None:
+    """Run each fuzz target for ten minutes, or for the seconds given after `--`."""
+    install_pieper(session, "test")
+    session.install("atheris")
+    seconds = session.posargs[0] if session.posargs else "600"
+    for target in sorted(Path("tests/fuzz").glob("fuzz_*.py")):
+        session.run("python", str(target), f"-max_total_time={seconds}")
+
+
+if __name__ == "__main__":
+    sys.exit("run it with: nox")
