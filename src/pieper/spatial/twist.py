@@ -37,7 +37,7 @@ _COTANGENT = (
 def hat(vector: ArrayLike) -> FloatArray:
     """Matrix form of a rotation vector, ``(..., 3)``, or of a twist, ``(..., 6)``.
 
-    ``hat(w) @ p = w x p``, and for a twist ``hat((v, w)) = [[hat(w), v], [0, 0]]`` (Murray, Li, Sastry, eq. 2.4, 2.30).
+    ``hat(w) @ p = w x p``, and for a twist ``hat((v, w)) = [[hat(w), v], [0, 0]]`` (Murray, Li, Sastry, sections 2.2, 2.3).
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def vee(matrix: ArrayLike) -> FloatArray:
 def exp(twist: ArrayLike) -> FloatArray:
     """Pose reached by following a twist for unit time, ``T = exp(hat(twist))``.
 
-    With ``x = |w|`` (Murray, Li, Sastry, eq. 2.14 and 2.36):
+    With ``x = |w|`` (Murray, Li, Sastry, sections 2.2 and 2.3):
     ``R = cos(x) + sin(x)/x hat(w) + (1 - cos(x))/x^2 w w^T`` and
     ``p = (1 + (1 - cos(x))/x^2 hat(w) + (x - sin(x))/x^3 hat(w)^2) v``.
 
@@ -208,7 +208,7 @@ def log(T: ArrayLike) -> FloatArray:
 def adjoint(T: ArrayLike) -> FloatArray:
     """Matrix that takes a twist from frame b to frame a: ``twist_a = adjoint(T_a_b) @ twist_b``.
 
-    ``Ad(T) = [[R, hat(p) R], [0, R]]`` for the linear part first (Murray, Li, Sastry, eq. 2.58).
+    ``Ad(T) = [[R, hat(p) R], [0, R]]`` for the linear part first (Murray, Li, Sastry, section 2.4).
 
     Parameters
     ----------
