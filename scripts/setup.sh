@@ -58,7 +58,8 @@ install_debian() {
   fi
   # shellcheck disable=SC2086
   {
-    step "asking Debian for its package lists" $sudo apt-get update
+    [ -n "${lists_are_new:-}" ] || step "asking Debian for its package lists" $sudo apt-get update
+    lists_are_new=yes
     step "installing $*" $sudo env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends "$@"
   }
 }
