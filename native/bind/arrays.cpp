@@ -1,0 +1,99 @@
+#include "arrays.hpp"
+
+#include "pieper/kernels.hpp"
+
+namespace pieper::bind {
+namespace {
+
+bool is_float64(const Py_buffer& view) {
+  return view.itemsize == sizeof(double) && view.format && view.format[0] == 'd' && view.format[1] == '\0';
+}
+
+// numpy.empty, looked up once.
+nb::handle numpy_empty() {
+  static PyObject* empty = nb::object(nb::module_::import_("numpy").attr("empty")).release().ptr();
+  return empty;
+}
+
+nb::object new_array(const std::vector<Py_ssize_t>& leading, std::initializer_list<std::size_t> inner) {
+  PyObject* shape = PyTuple_New(static_cast<Py_ssize_t>(leading.size() + inner.size()));
+  Py_ssize_t k = 0;
+  for (Py_ssize_t size : leading) PyTuple_SetItem(shape, k++, PyLong_FromSsize_t(size));
+  for (std::size_t size : inner) PyTuple_SetItem(shape, k++, PyLong_FromSize_t(size));
+  PyObject* array = PyObject_CallFunctionObjArgs(numpy_empty().ptr(), shape, nullptr);
+  Py_DECREF(shape);
+  if (!array) throw nb::python_error();
+  return nb::steal(array);
+}
+
+}  // namespace
+
+void not_plain(const char* what) { throw nb::type_error(what); }
+
+bool Input::read_sequence(nb::handle object, std::size_t n) {
+  const bool list = PyList_Check(object.ptr());
+  if (!list && !PyTuple_Check(object.ptr())) return false;
+  const Py_ssize_t size = list ? PyList_Size(object.ptr()) : PyTuple_Size(object.ptr());
+  if (size != static_cast<Py_ssize_t>(n) || n > 64) return false;
+  for (Py_ssize_t k = 0; k < size; ++k) {
+    PyObject* item = list ? PyList_GetItem(object.ptr(), k) : PyTuple_GetItem(object.ptr(), k);
+    if (!PyFloat_CheckExact(item)) return false;
+    small_[k] = PyFloat_AsDouble(item);
+  }
+  data_ = small_;
+  return true;
+}
+
+Input::Input(nb::handle object, std::initializer_list<std::size_t> shape, const char* what) : what_(what) {
+  for (std::size_t size : shape) width_ *= size;
+  if (shape.size() == 1 && read_sequence(object, *shape.begin())) return;
+  if (PyObject_GetBuffer(object.ptr(), &view_, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) != 0) {
+    PyErr_Clear();
+    not_plain(what);
+  }
+  held_ = true;
+  const int inner = static_cast<int>(shape.size());
+  bool fits = is_float64(view_) && view_.ndim >= inner;
+  if (fits) {
+    int k = view_.ndim - inner;
+    for (std::size_t size : shape) fits = fits && view_.shape[k++] == static_cast<Py_ssize_t>(size);
+  }
+  if (!fits) {
+    PyBuffer_Release(&view_);
+    held_ = false;
+    not_plain(what);
+  }
+  for (int k = 0; k < view_.ndim - inner; ++k) {
+    leading_.push_back(view_.shape[k]);
+    count_ *= static_cast<std::size_t>(view_.shape[k]);
+  }
+  data_ = static_cast<const double*>(view_.buf);
+}
+
+Input::~Input() {
+  if (held_) PyBuffer_Release(&view_);
+}
+
+void Input::require_finite() const {
+  if (!kernels().all_finite(data_, count_ * width_)) not_plain(what_);
+}
+
+Output::Output(const std::vector<Py_ssize_t>& leading, std::initializer_list<std::size_t> inner, nb::handle out) {
+  array_ = out.is_none() ? new_array(leading, inner) : nb::borrow(out);
+  if (PyObject_GetBuffer(array_.ptr(), &view_, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | PyBUF_WRITABLE) != 0) {
+    PyErr_Clear();
+    not_plain("out");
+  }
+  bool fits = is_float64(view_) && view_.ndim == static_cast<int>(leading.size() + inner.size());
+  int k = 0;
+  for (Py_ssize_t size : leading) fits = fits && view_.shape[k++] == size;
+  for (std::size_t size : inner) fits = fits && view_.shape[k++] == static_cast<Py_ssize_t>(size);
+  if (!fits) {
+    PyBuffer_Release(&view_);
+    not_plain("out");
+  }
+}
+
+Output::~Output() { PyBuffer_Release(&view_); }
+
+}  // namespace pieper::bind

@@ -1,0 +1,68 @@
+// NumPy arrays at the border: read through the buffer protocol, made by numpy.empty. Binding code only.
+#pragma once
+
+#include <nanobind/nanobind.h>
+
+#include <cstddef>
+#include <initializer_list>
+#include <vector>
+
+namespace nb = nanobind;
+
+namespace pieper::bind {
+
+// Raised when an argument is not a plain float64 array of the right shape. The Python side then finds out what is wrong
+// and either converts the argument or says so in words.
+[[noreturn]] void not_plain(const char* what);
+
+// A C-contiguous float64 buffer, or a list or tuple of floats, held while it is read. The last `inner` dimensions must
+// equal `shape`; those before are leading axes.
+class Input {
+ public:
+  Input(nb::handle object, std::initializer_list<std::size_t> shape, const char* what);
+  ~Input();
+  Input(const Input&) = delete;
+  Input& operator=(const Input&) = delete;
+
+  const double* data() const { return data_; }
+  std::size_t count() const { return count_; }  // product of the leading axes
+  const std::vector<Py_ssize_t>& leading() const { return leading_; }
+  void require_finite() const;
+
+ private:
+  bool read_sequence(nb::handle object, std::size_t n);
+
+  Py_buffer view_{};
+  bool held_ = false;
+  double small_[64];
+  const double* data_ = nullptr;
+  std::size_t count_ = 1, width_ = 1;
+  std::vector<Py_ssize_t> leading_;
+  const char* what_;
+};
+
+// A writable float64 array of shape leading + inner: a new one, or `out` when it is not None.
+class Output {
+ public:
+  Output(const std::vector<Py_ssize_t>& leading, std::initializer_list<std::size_t> inner, nb::handle out);
+  ~Output();
+  Output(const Output&) = delete;
+  Output& operator=(const Output&) = delete;
+
+  double* data() const { return static_cast<double*>(view_.buf); }
+  nb::object array() const { return array_; }
+
+ private:
+  nb::object array_;
+  Py_buffer view_{};
+};
+
+// Runs `work` without the interpreter lock when there is enough of it to be worth a release.
+template <class Work>
+void without_lock(std::size_t count, Work work) {
+  if (count < 32) return work();
+  nb::gil_scoped_release released;
+  work();
+}
+
+}  // namespace pieper::bind

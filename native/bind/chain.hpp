@@ -1,0 +1,20 @@
+#pragma once
+
+#include "arrays.hpp"
+#include "pieper/chain.hpp"
+
+namespace pieper::bind {
+
+// pieper::Chain as Python holds it.
+struct NativeChain {
+  Chain chain;
+  NativeChain(const Input& screws, const Input& home, const Input& coupling, const Input& limits, std::size_t m,
+              std::size_t n)
+      : chain(screws.data(), m, home.data(), coupling.data(), n, limits.data()) {}
+};
+
+void bind_forward_kinematics(nb::class_<NativeChain>& chain);
+void bind_jacobian(nb::class_<NativeChain>& chain);
+void bind_instruction_sets(nb::module_& module);
+
+}  // namespace pieper::bind

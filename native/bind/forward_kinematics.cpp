@@ -1,0 +1,46 @@
+#include <algorithm>
+
+#include "chain.hpp"
+#include "pieper/kernels.hpp"
+
+namespace pieper::bind {
+
+void bind_forward_kinematics(nb::class_<NativeChain>& chain) {
+  chain.def(
+      "fk",
+      [](const NativeChain& self, nb::handle q, nb::handle out, std::size_t threads) {
+        const Input joints(q, {self.chain.joints()}, "q");
+        joints.require_finite();
+        const Output poses(joints.leading(), {4, 4}, out);
+        without_lock(joints.count(), [&] {
+          forward_kinematics(self.chain, joints.data(), joints.count(), threads, poses.data());
+        });
+        return poses.array();
+      },
+      nb::arg("q"), nb::arg("out") = nb::none(), nb::arg("threads") = 1,
+      "Poses of the tip in the base frame, (..., 4, 4), from joints (..., n).");
+  chain.def(
+      "link_poses",
+      [](const NativeChain& self, nb::handle q, nb::handle after, nb::handle homes) {
+        const Input joints(q, {self.chain.joints()}, "q");
+        joints.require_finite();
+        const Input home(homes, {4, 4}, "homes");
+        std::vector<LinkFrame> frames;
+        for (nb::handle item : after) {
+          const std::size_t axes = nb::cast<std::size_t>(item);
+          if (axes > self.chain.axes() || frames.size() >= home.count()) not_plain("after");
+          LinkFrame frame{axes, {}};
+          std::copy_n(home.data() + 16 * frames.size(), 12, frame.home.begin());
+          frames.push_back(frame);
+        }
+        const Output poses(joints.leading(), {frames.size(), 4, 4}, nb::none());
+        without_lock(joints.count(), [&] {
+          link_poses(self.chain, frames, joints.data(), joints.count(), poses.data());
+        });
+        return poses.array();
+      },
+      nb::arg("q"), nb::arg("after"), nb::arg("homes"),
+      "Poses (..., k, 4, 4) of k frames with home poses (k, 4, 4), each moved by its first `after` axes.");
+}
+
+}  // namespace pieper::bind

@@ -1,0 +1,70 @@
+// A serial chain, given by its screws and its home pose, folded into the form that the kernels run.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <vector>
+
+namespace pieper {
+
+// How an axis is tilted against the next one; the cheap cases are worth naming.
+enum class Twist : unsigned char { parallel, plus_90, minus_90, general };
+
+// One axis: Rz(angle) Trans(x, y, z) Rx(twist), with angle = sign q + offset when it turns and z + sign q when it slides.
+// Axes that are parallel to their successor belong to one group: their angles add up and only the last turns the frame.
+struct Axis {
+  double sign, offset;
+  double x, y, z;
+  double cos_twist, sin_twist;
+  bool revolute;
+  Twist twist;
+};
+
+// A frame that moves with the first `after` axes, by its pose at the home configuration (3x4, row-major).
+struct LinkFrame {
+  std::size_t after;
+  std::array<double, 12> home;
+};
+
+// What the kernels read: plain data, because code compiled for several instruction sets must not share inline functions.
+struct Folded {
+  const Axis* axes = nullptr;  // m of them
+  std::size_t count = 0;
+  // Base to first axis, and the turn about z after the last axis that completes the tip.
+  double base_rotation[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+  double base_position[3] = {0, 0, 0};
+  double cos_tip = 1, sin_tip = 0;
+  bool tip_turns = false;
+};
+
+class Chain {
+ public:
+  // The screws (m, 6) linear part first and the home pose (4, 4), row-major, in the base frame. `coupling` (m, n) gives
+  // the axis values from the joint values; `limits` is (n, 2).
+  Chain(const double* screws, std::size_t m, const double* home, const double* coupling, std::size_t n,
+        const double* limits);
+  Chain(const Chain&) = delete;
+  Chain& operator=(const Chain&) = delete;
+
+  std::size_t joints() const { return joints_; }
+  std::size_t axes() const { return axes_.size(); }
+  // True when mimic joints move several axes with one joint.
+  bool coupled() const { return !coupling_.empty(); }
+  const Folded& folded() const { return folded_; }
+  const double* screw(std::size_t axis) const { return &screws_[6 * axis]; }
+  const double* home() const { return home_.data(); }  // 3x4, row-major
+  const double* coupling(std::size_t axis) const { return &coupling_[joints_ * axis]; }
+  double lower(std::size_t joint) const { return limits_[2 * joint]; }
+  double upper(std::size_t joint) const { return limits_[2 * joint + 1]; }
+
+ private:
+  void fold();
+
+  std::size_t joints_;
+  std::vector<double> screws_, coupling_, limits_;
+  std::array<double, 12> home_;
+  std::vector<Axis> axes_;
+  Folded folded_;
+};
+
+}  // namespace pieper

@@ -1,0 +1,56 @@
+// The kernels that exist once per instruction set, and the choice among them at run time.
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "pieper/chain.hpp"
+
+namespace pieper {
+
+// geometric: velocity of the tip origin and angular velocity, both in base axes; space and body: twists of the tip.
+enum class JacobianKind : int { geometric = 0, space = 1, body = 2 };
+
+// Configurations are (count, n) row-major, finite. Poses are written as (count, 4, 4), Jacobians as (count, 6, n).
+// Chains with mimic joints or more than max_axes axes are not for these: see forward_kinematics() below.
+struct Kernels {
+  const char* name;
+  std::size_t lanes;
+  void (*poses)(const Folded&, const double* q, std::size_t count, double* out);
+  void (*jacobians)(const Folded&, const double* q, std::size_t count, JacobianKind, double* out);
+  void (*manipulability)(const Folded&, const double* q, std::size_t count, double* out);
+  // One configuration: pose as 3x4 row-major, and the geometric Jacobian as 6 x m row-major (either may be null).
+  void (*pose_and_jacobian)(const Folded&, const double* q, double* pose, double* jacobian);
+  void (*sincos)(const double* angle, std::size_t count, double* sine, double* cosine);
+  // True when every number is finite.
+  bool (*all_finite)(const double* numbers, std::size_t count);
+};
+
+// Number of axes that the kernels take.
+inline constexpr std::size_t kernel_axes = 32;
+
+// The kernels in use: the widest that this processor runs, unless PIEPER_INSTRUCTION_SET names another.
+const Kernels& kernels();
+
+// Names of the instruction sets that were compiled in and run here, narrowest first.
+std::vector<std::string> instruction_sets();
+
+// Chooses by name; false when it is not among instruction_sets().
+bool use_instruction_set(const std::string& name);
+
+// The public entry points: any chain, any count, `threads` workers.
+void forward_kinematics(const Chain&, const double* q, std::size_t count, std::size_t threads, double* out);
+void jacobian(const Chain&, const double* q, std::size_t count, JacobianKind, std::size_t threads, double* out);
+void manipulability(const Chain&, const double* q, std::size_t count, std::size_t threads, double* out);
+
+// Rate of the geometric Jacobian, (count, 6, n), for joint velocities dq (count, n).
+void jacobian_rate(const Chain&, const double* q, const double* dq, std::size_t count, double* out);
+
+// Derivative of the geometric Jacobian by each joint: (count, n, 6, n), first index the joint.
+void hessian(const Chain&, const double* q, std::size_t count, double* out);
+
+// Poses of link frames: (count, frames, 4, 4).
+void link_poses(const Chain&, const std::vector<LinkFrame>&, const double* q, std::size_t count, double* out);
+
+}  // namespace pieper

@@ -1,0 +1,118 @@
+// Which kernels run, and how work is split among threads.
+#include <algorithm>
+#include <atomic>
+#include <cstdlib>
+#include <thread>
+
+#include "pieper/differential.hpp"
+#include "pieper/kernels.hpp"
+
+namespace pieper {
+
+extern const Kernels kernels_baseline;
+#if PIEPER_HAS_AVX2
+extern const Kernels kernels_avx2;
+#endif
+#if PIEPER_HAS_AVX512
+extern const Kernels kernels_avx512;
+#endif
+
+namespace {
+
+std::vector<const Kernels*> supported() {
+  std::vector<const Kernels*> found{&kernels_baseline};
+#if PIEPER_HAS_AVX2
+  if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) found.push_back(&kernels_avx2);
+#endif
+#if PIEPER_HAS_AVX512
+  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl") &&
+      __builtin_cpu_supports("avx512bw"))
+    found.push_back(&kernels_avx512);
+#endif
+  return found;
+}
+
+const Kernels* by_name(const std::string& name) {
+  for (const Kernels* k : supported())
+    if (name == k->name) return k;
+  return nullptr;
+}
+
+std::atomic<const Kernels*>& current() {
+  static std::atomic<const Kernels*> in_use = [] {
+    const char* wanted = std::getenv("PIEPER_INSTRUCTION_SET");
+    const Kernels* named = wanted ? by_name(wanted) : nullptr;
+    return named ? named : supported().back();
+  }();
+  return in_use;
+}
+
+// A worker below this many configurations costs more to start than it saves.
+constexpr std::size_t worth_a_thread = 4096;
+
+// Calls run(first, count) on up to `threads` contiguous parts.
+template <class Run>
+void split(std::size_t count, std::size_t threads, Run run) {
+  const std::size_t parts = std::min(std::max<std::size_t>(threads, 1), std::max<std::size_t>(count / worth_a_thread, 1));
+  if (parts == 1) return run(std::size_t{0}, count);
+  std::vector<std::jthread> workers;
+  // parts of a multiple of eight configurations, so that every part starts on a whole vector
+  const std::size_t step = (count / parts + 7) / 8 * 8;
+  for (std::size_t first = step; first < count; first += step)
+    workers.emplace_back([=] { run(first, std::min(step, count - first)); });
+  run(0, std::min(step, count));
+}
+
+bool for_kernels(const Chain& chain) {
+  return !chain.coupled() && chain.axes() > 0 && chain.axes() <= kernel_axes;
+}
+
+}  // namespace
+
+const Kernels& kernels() { return *current().load(std::memory_order_relaxed); }
+
+std::vector<std::string> instruction_sets() {
+  std::vector<std::string> names;
+  for (const Kernels* k : supported()) names.emplace_back(k->name);
+  return names;
+}
+
+bool use_instruction_set(const std::string& name) {
+  const Kernels* k = by_name(name);
+  if (k) current().store(k);
+  return k != nullptr;
+}
+
+void forward_kinematics(const Chain& chain, const double* q, std::size_t count, std::size_t threads, double* out) {
+  if (!for_kernels(chain)) return plain_poses(chain, q, count, out);
+  const std::size_t n = chain.joints();
+  if (count == 1) {
+    double pose[12];
+    kernels().pose_and_jacobian(chain.folded(), q, pose, nullptr);
+    std::copy(pose, pose + 12, out);
+    out[12] = out[13] = out[14] = 0, out[15] = 1;
+    return;
+  }
+  split(count, threads, [&](std::size_t first, std::size_t some) {
+    kernels().poses(chain.folded(), q + first * n, some, out + first * 16);
+  });
+}
+
+void jacobian(const Chain& chain, const double* q, std::size_t count, JacobianKind kind, std::size_t threads, double* out) {
+  if (!for_kernels(chain)) return plain_jacobians(chain, q, count, kind, out);
+  const std::size_t n = chain.joints();
+  if (count == 1 && kind == JacobianKind::geometric) return kernels().pose_and_jacobian(chain.folded(), q, nullptr, out);
+  split(count, threads, [&](std::size_t first, std::size_t some) {
+    kernels().jacobians(chain.folded(), q + first * n, some, kind, out + first * 6 * n);
+  });
+}
+
+void manipulability(const Chain& chain, const double* q, std::size_t count, std::size_t threads, double* out) {
+  if (!for_kernels(chain)) return plain_manipulability(chain, q, count, out);
+  const std::size_t n = chain.joints();
+  split(count, threads, [&](std::size_t first, std::size_t some) {
+    kernels().manipulability(chain.folded(), q + first * n, some, out + first);
+  });
+}
+
+}  // namespace pieper

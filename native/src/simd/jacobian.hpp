@@ -1,0 +1,84 @@
+// Columns of the Jacobian from the axes met on the walk (Siciliano et al., Robotics, 2009, eq. 3.30):
+// a revolute axis z through p gives (z x (tip - p), z), a prismatic one (z, 0).
+#pragma once
+
+#include "simd/forward_kinematics.hpp"
+
+namespace {
+
+template <class V>
+struct Axes {
+  V z[max_axes][3], p[max_axes][3];
+};
+
+template <class V>
+inline Pose<V> walk_with_axes(const Folded& chain, const JointState<V>& state, Axes<V>& axes) {
+  return walk(chain, state, [&](std::size_t i, const V* z, const V* p) {
+    for (int r = 0; r < 3; ++r) axes.z[i][r] = z[r], axes.p[i][r] = p[r];
+  });
+}
+
+template <class V>
+inline void cross(const V* a, const V* b, V* out) {
+  out[0] = a[1] * b[2] - a[2] * b[1];
+  out[1] = a[2] * b[0] - a[0] * b[2];
+  out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+// Column of axis i: linear part, then angular.
+template <class V>
+inline void column(const Folded& chain, const Pose<V>& tip, const Axes<V>& axes, std::size_t i, pieper::JacobianKind kind,
+                   V* out) {
+  const Axis& axis = chain.axes[i];
+  V z[3];
+  for (int r = 0; r < 3; ++r) z[r] = axis.sign * axes.z[i][r];
+  V linear[3], angular[3];
+  if (axis.revolute) {
+    V arm[3];
+    for (int r = 0; r < 3; ++r) {
+      arm[r] = kind == pieper::JacobianKind::space ? -axes.p[i][r] : tip.p[r] - axes.p[i][r];
+      angular[r] = z[r];
+    }
+    cross(z, arm, linear);
+  } else {
+    for (int r = 0; r < 3; ++r) linear[r] = z[r], angular[r] = V{};
+  }
+  if (kind == pieper::JacobianKind::body) {
+    const V* columns[3] = {tip.x, tip.y, tip.z};
+    for (int r = 0; r < 3; ++r) {
+      const V* e = columns[r];
+      out[r] = e[0] * linear[0] + e[1] * linear[1] + e[2] * linear[2];
+      out[r + 3] = e[0] * angular[0] + e[1] * angular[1] + e[2] * angular[2];
+    }
+  } else {
+    for (int r = 0; r < 3; ++r) out[r] = linear[r], out[r + 3] = angular[r];
+  }
+}
+
+// Yoshikawa's measure sqrt(det(J J^T)) (1985, eq. 12) as the product of the lengths that Gram-Schmidt leaves; forming
+// J J^T would lose half of the digits near a singularity. With fewer than six axes, sqrt(det(J^T J)).
+template <class V>
+inline V manipulability(const V* jacobian /* 6 x m */, std::size_t m) {
+  constexpr std::size_t six = 6;
+  const bool wide = m >= six;
+  const std::size_t count = wide ? six : m, length = wide ? m : six;
+  V rows[six][max_axes];
+  for (std::size_t i = 0; i < count; ++i)
+    for (std::size_t k = 0; k < length; ++k) rows[i][k] = wide ? jacobian[i * m + k] : jacobian[k * m + i];
+  V product = splat_like(V{}, 1.0);
+  for (std::size_t i = 0; i < count; ++i) {
+    V square = V{};
+    for (std::size_t k = 0; k < length; ++k) square += rows[i][k] * rows[i][k];
+    product *= square;
+    const V scale = 1.0 / (square + 1e-300);
+    for (std::size_t j = i + 1; j < count; ++j) {
+      V along = V{};
+      for (std::size_t k = 0; k < length; ++k) along += rows[i][k] * rows[j][k];
+      along *= scale;
+      for (std::size_t k = 0; k < length; ++k) rows[j][k] -= along * rows[i][k];
+    }
+  }
+  return product;  // its square root is taken by the caller
+}
+
+}  // namespace

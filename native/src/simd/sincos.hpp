@@ -1,0 +1,73 @@
+// Sine and cosine of a vector, to less than one unit in the last place.
+//
+// Argument reduction after Cody and Waite (Software Manual for the Elementary Functions, 1980, ch. 8): pi/2 is split into
+// two parts of 33 bits, so that their products with k < 2^20 are exact, and a double for the rest (119 bits together); the
+// reduced angle is kept as a sum r + e. The polynomials come from native/derivations/sincos_polynomials.py.
+#pragma once
+
+#include <cmath>
+
+#include "simd/lanes.hpp"
+
+namespace {
+
+// Beyond this the products above are no longer exact; such lanes go through the C library.
+constexpr double exact_reduction_limit = 1.6e6;
+
+// All lanes must be finite with magnitude below exact_reduction_limit.
+inline void sincos_reduced(Vec angle, Vec& sine, Vec& cosine) {
+  constexpr double two_over_pi = 0x1.45f306dc9c883p-1;
+  constexpr double half_pi_1 = 0x1.921fb544p+0, half_pi_2 = 0x1.0b4611a6p-34, half_pi_3 = 0x1.3198a2e037073p-69;
+  constexpr double round_to_int = 0x1.8p+52;
+
+  const Vec shifted = angle * two_over_pi + round_to_int;
+  const IntVec quadrant = bits(shifted);
+  const Vec k = shifted - round_to_int;
+
+  const Vec coarse = angle - k * half_pi_1;
+  const Vec second = k * half_pi_2;
+  const Vec fine = coarse - second;
+  const Vec lost = (coarse - fine) - second - k * half_pi_3;
+  const Vec r = fine + lost;
+  const Vec e = (fine - r) + lost;
+
+  const Vec z = r * r;
+  Vec p = splat(0x1.5d8fa7fd5c9d2p-33);
+  p = p * z - 0x1.ae5e594b78a4cp-26;
+  p = p * z + 0x1.71de3564d2b7bp-19;
+  p = p * z - 0x1.a01a019bf7efap-13;
+  p = p * z + 0x1.111111110f77dp-7;
+  p = p * z - 0x1.5555555555548p-3;
+  Vec q = splat(-0x1.8fa9952065738p-37);
+  q = q * z + 0x1.1ee9e15f38979p-29;
+  q = q * z - 0x1.27e4f7f8eae3ap-22;
+  q = q * z + 0x1.a01a019c97777p-16;
+  q = q * z - 0x1.6c16c16c1504bp-10;
+  q = q * z + 0x1.555555555554bp-5;
+
+  // sin(r + e) = r + (r z P + e (1 - z/2)), cos(r + e) = (1 - z/2) + (rounding of it + z^2 Q - r e)
+  const Vec half = 0.5 * z;
+  const Vec s = r + (r * z * p + (e - e * half));
+  const Vec top = 1.0 - half;
+  const Vec c = top + (((1.0 - top) - half) + (z * z * q - r * e));
+
+  const IntVec swap = -(quadrant & 1);
+  const IntVec sine_sign = (quadrant & 2) << 62;
+  const IntVec cosine_sign = ((quadrant + 1) & 2) << 62;
+  sine = from_bits(bits(select(swap, c, s)) ^ sine_sign);
+  cosine = from_bits(bits(select(swap, s, c)) ^ cosine_sign);
+}
+
+// Any finite angle.
+inline void sincos(Vec angle, Vec& sine, Vec& cosine) {
+  if (!any(magnitude(angle) >= exact_reduction_limit)) {
+    sincos_reduced(angle, sine, cosine);
+    return;
+  }
+  for (std::size_t l = 0; l < lanes; ++l) {
+    lane(sine, l) = std::sin(lane(angle, l));
+    lane(cosine, l) = std::cos(lane(angle, l));
+  }
+}
+
+}  // namespace

@@ -1,0 +1,1 @@
+"""The compiled kernels and their checked-in stub (``kernels.pyi``)."""

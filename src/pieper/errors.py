@@ -1,0 +1,96 @@
+"""Everything that pieper raises on purpose.
+
+A message says what was expected, what came, and what to do. Unreachable targets and solvers that did not converge are
+results, not exceptions; only malformed input raises.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class PieperError(Exception):
+    """Base of every error that pieper raises on purpose."""
+
+
+class ArrayError(PieperError, ValueError):
+    """An array has the wrong shape, the wrong type, or holds NaN or infinity."""
+
+
+class UnknownNameError(PieperError, LookupError):
+    """A robot, joint, link or frame name that is not there; the message lists near matches."""
+
+
+class AmbiguousError(PieperError, ValueError):
+    """More than one answer fits, for example several chains in one description; the message lists them."""
+
+
+class DescriptionError(PieperError, ValueError):
+    """A robot description is malformed.
+
+    Attributes
+    ----------
+    source : str
+        File name, or ``<string>``.
+    element : str
+        The element at fault, for example ``joint 'elbow'``.
+    reason : str
+        What is wrong with it, and what was expected.
+    """
+
+    def __init__(self, source: str, element: str, reason: str) -> None:
+        super().__init__(f"{source}: {element}: {reason}")
+        self.source = source
+        self.element = element
+        self.reason = reason
+
+    def __reduce__(self) -> tuple[type[DescriptionError], tuple[str, str, str]]:
+        return type(self), (self.source, self.element, self.reason)
+
+
+class UrdfError(DescriptionError):
+    """A URDF is malformed, hostile, or uses a joint type that has no place in a serial arm."""
+
+
+class XacroError(DescriptionError):
+    """A xacro file could not be expanded within its limits."""
+
+
+class DhError(DescriptionError):
+    """Denavit-Hartenberg rows are malformed."""
+
+
+class MissingExtraError(PieperError, ImportError):
+    """A package of an optional extra is not installed; the message says which extra to install."""
+
+    def __init__(self, package: str, extra: str, purpose: str) -> None:
+        super().__init__(f"{package} is not installed; {purpose} needs it: pip install 'pieper[{extra}]'")
+        self.package = package
+        self.extra = extra
+        self.purpose = purpose
+
+    def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str, str]]:
+        return type(self), (self.package, self.extra, self.purpose)
+
+
+class PieperWarning(UserWarning):
+    """Something was missing or doubtful, and the work went on without it."""
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str], where: str = "") -> UnknownNameError:
+    """Build the error for a name that is not there, with near matches first.
+
+    >>> print(unknown_name("joint", "elbw", ["shoulder", "elbow"], "chain 'ur5e'"))
+    no joint 'elbw' in chain 'ur5e'; did you mean 'elbow'? joints are: shoulder, elbow
+    """
+    names = list(known)
+    near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+    message = f"no {kind} {name!r}"
+    if where:
+        message += f" in {where}"
+    message += ";"
+    if near:
+        message += " did you mean " + " or ".join(repr(n) for n in near) + "?"
+    message += f" {kind}s are: " + ", ".join(names)
+    return UnknownNameError(message)
