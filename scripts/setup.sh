@@ -136,10 +136,12 @@ ensure_venv() {
   step "updating pip" "$python" -m pip install --upgrade 'pip>=25.1'
 }
 
-# A fingerprint of everything that a wheel is built from.
+# A fingerprint of everything that a wheel is built from; what a build leaves behind does not count.
 sources_fingerprint() {
-  { find src native -type f ! -name '*.pyc' ! -name '*.so' -print0; printf '%s\0' CMakeLists.txt pyproject.toml README.md LICENSE; } |
-    LC_ALL=C sort -z | xargs -0 sha256sum | sha256sum | cut -c 1-64
+  {
+    find src native \( -name CMakeFiles -o -name __pycache__ \) -prune -o -type f ! -name '*.so' ! -name '*.a' ! -name '*.cmake' -print0
+    printf '%s\0' CMakeLists.txt pyproject.toml README.md LICENSE
+  } | LC_ALL=C sort -z | xargs -0 sha256sum | sha256sum | cut -c 1-64
 }
 
 # once STAMP FINGERPRINT TITLE COMMAND...: run the step unless it was last run with the same fingerprint.
