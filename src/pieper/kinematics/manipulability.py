@@ -97,7 +97,7 @@ def rank(J: ArrayLike, *, cutoff: float | None = None) -> NDArray[np.int64]:
     1
     """
     jacobian = stack(J, ("m", "n"), "J")
-    s: FloatArray = np.linalg.svd(jacobian, compute_uv=False)
+    s = _singular_values(jacobian)
     return np.asarray(_nonzero(s, jacobian.shape[-2:], cutoff).sum(axis=-1), dtype=np.int64)
 
 
@@ -177,8 +177,7 @@ def manipulability(J: ArrayLike, *, characteristic_length: float = 1.0) -> Float
     0.5
     """
     jacobian = _weighed(J, characteristic_length)
-    product: FloatArray = np.linalg.svd(jacobian, compute_uv=False).prod(axis=-1)
-    return np.asarray(product)
+    return np.asarray(_singular_values(jacobian).prod(axis=-1))
 
 
 def condition(J: ArrayLike, *, characteristic_length: float = 1.0) -> FloatArray:
@@ -207,7 +206,7 @@ def condition(J: ArrayLike, *, characteristic_length: float = 1.0) -> FloatArray
     2.0
     """
     jacobian = _weighed(J, characteristic_length)
-    s: FloatArray = np.linalg.svd(jacobian, compute_uv=False)
+    s = _singular_values(jacobian)
     regular = _nonzero(s, jacobian.shape[-2:], None)[..., -1]
     return np.where(regular, s[..., 0] / np.where(regular, s[..., -1], 1.0), np.inf)
 
@@ -242,7 +241,7 @@ def distance_to_singularity(J: ArrayLike, *, characteristic_length: float = 1.0)
     0.001
     """
     jacobian = _weighed(J, characteristic_length)
-    return np.asarray(np.linalg.svd(jacobian, compute_uv=False)[..., -1])
+    return np.asarray(_singular_values(jacobian)[..., -1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -445,6 +444,11 @@ def singularity(
     )
 
 
+def _singular_values(jacobian: FloatArray) -> FloatArray:
+    """From the largest to the smallest, ``(..., min(m, n))``."""
+    return np.asarray(np.linalg.svd(jacobian, compute_uv=False), dtype=np.float64)
+
+
 def _nonzero(s: FloatArray, shape: tuple[int, ...], cutoff: float | None) -> NDArray[np.bool_]:
     """Which singular values are above the cut-off; none of them when all are 0."""
     if cutoff is None:
@@ -474,5 +478,4 @@ def _largest_positive(columns: FloatArray) -> FloatArray:
     """Each column with the sign that makes its component of largest size positive."""
     largest = np.argmax(np.abs(columns), axis=-2)[..., None, :]
     sign = np.where(np.take_along_axis(columns, largest, axis=-2) < 0.0, -1.0, 1.0)
-    fixed: FloatArray = columns * sign + 0.0  # + 0.0 turns -0.0 into 0.0
-    return fixed
+    return np.asarray(columns * sign + 0.0, dtype=np.float64)  # + 0.0 turns -0.0 into 0.0
