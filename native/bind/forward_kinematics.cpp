@@ -17,6 +17,7 @@ void bind_forward_kinematics(nb::class_<NativeChain>& chain) {
         });
         return poses.array();
       },
+      nb::sig("def fk(self, q: object, out: object = None, threads: int = 1) -> numpy.typing.NDArray[numpy.float64]"),
       nb::arg("q"), nb::arg("out") = nb::none(), nb::arg("threads") = 1,
       "Poses of the tip in the base frame, (..., 4, 4), from joints (..., n).");
   chain.def(
@@ -39,6 +40,7 @@ void bind_forward_kinematics(nb::class_<NativeChain>& chain) {
         });
         return poses.array();
       },
+      nb::sig("def link_poses(self, q: object, after: object, homes: object) -> numpy.typing.NDArray[numpy.float64]"),
       nb::arg("q"), nb::arg("after"), nb::arg("homes"),
       "Poses (..., k, 4, 4) of k frames with home poses (k, 4, 4), each moved by its first `after` axes.");
 }

@@ -24,6 +24,7 @@ void bind_instruction_sets(nb::module_& module) {
         kernels().sincos(angles.data(), angles.count(), sine.data(), cosine.data());
         return nb::make_tuple(sine.array(), cosine.array());
       },
+      nb::sig("def sincos(angle: object) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]"),
       nb::arg("angle"), "Sines and cosines as the kernels compute them.");
 }
 

@@ -16,6 +16,7 @@ void bind_jacobian(nb::class_<NativeChain>& chain) {
         });
         return jacobians.array();
       },
+      nb::sig("def jacobian(self, q: object, kind: JacobianKind, out: object = None, threads: int = 1) -> numpy.typing.NDArray[numpy.float64]"),
       nb::arg("q"), nb::arg("kind"), nb::arg("out") = nb::none(), nb::arg("threads") = 1,
       "Jacobians (..., 6, n), linear part first.");
   chain.def(
@@ -31,6 +32,7 @@ void bind_jacobian(nb::class_<NativeChain>& chain) {
         });
         return rates.array();
       },
+      nb::sig("def jacobian_rate(self, q: object, dq: object) -> numpy.typing.NDArray[numpy.float64]"),
       nb::arg("q"), nb::arg("dq"), "Time derivative (..., 6, n) of the geometric Jacobian.");
   chain.def(
       "hessian",
@@ -42,6 +44,7 @@ void bind_jacobian(nb::class_<NativeChain>& chain) {
         without_lock(joints.count(), [&] { hessian(self.chain, joints.data(), joints.count(), derivatives.data()); });
         return derivatives.array();
       },
+      nb::sig("def hessian(self, q: object) -> numpy.typing.NDArray[numpy.float64]"),
       nb::arg("q"), "Derivatives (..., n, 6, n) of the geometric Jacobian by each joint.");
   chain.def(
       "manipulability",
@@ -54,6 +57,7 @@ void bind_jacobian(nb::class_<NativeChain>& chain) {
         });
         return measures.array();
       },
+      nb::sig("def manipulability(self, q: object, threads: int = 1) -> numpy.typing.NDArray[numpy.float64]"),
       nb::arg("q"), nb::arg("threads") = 1, "Yoshikawa's manipulability (...).");
 }
 

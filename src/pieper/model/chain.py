@@ -9,7 +9,6 @@ Screws are unit screws written *linear part first*, ``(v, w)``; a prismatic join
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -20,6 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from pieper.errors import ArrayError, unknown_name
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
     from pieper._native.kernels import NativeChain
 
 FloatArray = NDArray[np.float64]
@@ -54,6 +55,16 @@ def _frozen_pose(value: ArrayLike, name: str) -> FloatArray:
     if not np.array_equal(T[3], [0.0, 0.0, 0.0, 1.0]):
         raise ArrayError(f"{name} must have the last row 0 0 0 1, got {T[3].tolist()}")
     return T
+
+
+def _rows(value: ArrayLike, width: int) -> ArrayLike:
+    """`value`, or no rows of `width` when it is empty."""
+    return np.empty((0, width)) if np.size(value) == 0 else value
+
+
+def _not_given() -> FloatArray:
+    """An empty array: the constructor fills in what it stands for."""
+    return np.empty(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,9 +122,9 @@ class Chain:
     base: str = "base"
     tip: str = "tip"
     frames: tuple[Frame, ...] = ()
-    max_velocity: FloatArray = field(default=None)  # type: ignore[assignment]
-    max_effort: FloatArray = field(default=None)  # type: ignore[assignment]
-    coupling: FloatArray = field(default=None)  # type: ignore[assignment]
+    max_velocity: FloatArray = field(default_factory=_not_given)
+    max_effort: FloatArray = field(default_factory=_not_given)
+    coupling: FloatArray = field(default_factory=_not_given)
 
     def __post_init__(self) -> None:
         def put(key: str, value: Any) -> None:
@@ -123,20 +134,24 @@ class Chain:
         n = len(self.joint_names)
         if len(set(self.joint_names)) != n:
             raise ArrayError(f"joint names must be unique, got {', '.join(self.joint_names)}")
-        m = n if self.coupling is None else len(np.atleast_2d(np.asarray(self.coupling)))
-        put("screws", _frozen(np.asarray(self.screws).reshape(-1, 6) if m == 0 else self.screws, (m, 6), "screws"))
+        coupling = np.asarray(self.coupling)
+        coupling = np.eye(n) if coupling.size == 0 else coupling
+        m = len(coupling)
+        put("screws", _frozen(_rows(self.screws, 6), (m, 6), "screws"))
         put("home", _frozen_pose(self.home, "home"))
-        put("limits", _frozen(np.asarray(self.limits).reshape(-1, 2) if n == 0 else self.limits, (n, 2), "limits", finite=False))
+        put("limits", _frozen(_rows(self.limits, 2), (n, 2), "limits", finite=False))
         for key in ("max_velocity", "max_effort"):
-            value = getattr(self, key)
-            put(key, _frozen(np.full(n, np.inf) if value is None else value, (n,), key, finite=False))
-        put("coupling", _frozen(np.eye(n) if self.coupling is None else self.coupling, (m, n), "coupling"))
+            value = np.asarray(getattr(self, key))
+            put(key, _frozen(np.full(n, np.inf) if value.size == 0 else value, (n,), key, finite=False))
+        put("coupling", _frozen(coupling, (m, n), "coupling"))
         for axis, screw in enumerate(self.screws):
             self._check_screw(axis, screw)
         wrong = np.flatnonzero(self.limits[:, 0] > self.limits[:, 1])
         if wrong.size:
             i = int(wrong[0])
-            raise ArrayError(f"limits of joint {self.joint_names[i]!r} must be lower <= upper, got {self.limits[i].tolist()}")
+            raise ArrayError(
+                f"limits of joint {self.joint_names[i]!r} must be lower <= upper, got {self.limits[i].tolist()}"
+            )
         put("frames", tuple(self.frames) or self._frames_from_screws())
 
     @staticmethod
@@ -145,13 +160,17 @@ class Chain:
         length = float(np.linalg.norm(w))
         if length == 0.0:
             if abs(float(np.linalg.norm(v)) - 1.0) > _UNIT_TOLERANCE:
-                raise ArrayError(f"screw {axis} is prismatic (w = 0) and needs |v| = 1, got |v| = {np.linalg.norm(v):.6g}")
+                raise ArrayError(
+                    f"screw {axis} is prismatic (w = 0) and needs |v| = 1, got |v| = {np.linalg.norm(v):.6g}"
+                )
             return
         if abs(length - 1.0) > _UNIT_TOLERANCE:
             raise ArrayError(f"screw {axis} needs |w| = 1 (revolute) or w = 0 (prismatic), got |w| = {length:.6g}")
         pitch = float(v @ w)
         if abs(pitch) > _UNIT_TOLERANCE * max(1.0, float(np.linalg.norm(v))):
-            raise ArrayError(f"screw {axis} has pitch {pitch:.6g} m/rad; only revolute and prismatic joints are supported")
+            raise ArrayError(
+                f"screw {axis} has pitch {pitch:.6g} m/rad; only revolute and prismatic joints are supported"
+            )
 
     def _frames_from_screws(self) -> tuple[Frame, ...]:
         """One frame per axis: origin on the axis nearest the previous origin, z along the axis."""
@@ -180,7 +199,8 @@ class Chain:
     @property
     def is_revolute(self) -> NDArray[np.bool_]:
         """(m,) mask of the axes that turn; the others slide."""
-        return np.any(self.screws[:, 3:] != 0.0, axis=1)
+        mask: NDArray[np.bool_] = np.any(self.screws[:, 3:] != 0.0, axis=1)
+        return mask
 
     @property
     def is_coupled(self) -> bool:

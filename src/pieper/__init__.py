@@ -1,0 +1,42 @@
+"""Kinematics and inverse kinematics of serial robot arms.
+
+>>> import pieper
+>>> arm = pieper.load("ur5e")
+>>> arm.fk([0.0, -1.2, 1.4, -1.7, -1.57, 0.0]).shape
+(4, 4)
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from pieper._version import __version__
+
+if TYPE_CHECKING:
+    from pieper.arm import Arm, load
+    from pieper.errors import PieperError
+    from pieper.model.chain import Chain
+
+__all__ = ["Arm", "Chain", "PieperError", "__version__", "load"]
+
+# Loaded when first used, so that `import pieper` and `pieper --help` stay quick.
+_HOMES = {
+    "Arm": "pieper.arm",
+    "load": "pieper.arm",
+    "PieperError": "pieper.errors",
+    "Chain": "pieper.model.chain",
+}
+
+
+def __getattr__(name: str) -> Any:
+    from importlib import import_module
+
+    if name not in _HOMES:
+        raise AttributeError(f"module 'pieper' has no attribute {name!r}")
+    value = getattr(import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

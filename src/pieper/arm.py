@@ -1,0 +1,232 @@
+"""An arm ready to use: a chain with its description, and thin methods that call the rooms below."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pieper.errors import DescriptionError, UnknownNameError
+from pieper.ik import solve as _solve
+from pieper.kinematics import fk as _fk
+from pieper.kinematics import jacobian as _jacobian
+from pieper.model.chain import Chain, FloatArray
+from pieper.model.description import Description
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import ArrayLike
+
+    from pieper.ik.solutions import IKSolutions
+    from pieper.model.dh import DhTable
+    from pieper.model.package import PackageFolders
+
+
+class Arm:
+    """A serial arm. Made by `load`, or from a `Chain`.
+
+    Parameters
+    ----------
+    chain : Chain
+        The screws, the home pose and the limits: everything that kinematics needs.
+    description : Description, optional
+        The tree that the chain was taken from, with link shapes and inertia. None for an arm given by screws or DH rows.
+    """
+
+    def __init__(self, chain: Chain, description: Description | None = None) -> None:
+        self.chain = chain
+        self.description = description
+
+    # --- what it is
+
+    @property
+    def name(self) -> str:
+        """Name of the robot."""
+        return self.chain.name
+
+    @property
+    def dof(self) -> int:
+        """Number of joints n, the length of ``q``."""
+        return self.chain.dof
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints, in the order of ``q``."""
+        return self.chain.joint_names
+
+    @property
+    def limits(self) -> FloatArray:
+        """Lower and upper joint limits, (n, 2) [rad or m]; infinite where a joint has none."""
+        return self.chain.limits
+
+    @property
+    def base(self) -> str:
+        """Name of the base frame."""
+        return self.chain.base
+
+    @property
+    def tip(self) -> str:
+        """Name of the tip frame."""
+        return self.chain.tip
+
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """Names of the frames from base to tip."""
+        return tuple(frame.name for frame in self.chain.frames)
+
+    # --- where it is and how it moves
+
+    def fk(
+        self, q: ArrayLike, *, up_to: str | int | None = None, out: FloatArray | None = None, threads: int = 1
+    ) -> FloatArray:
+        """Pose of the tip, or of frame `up_to`, in the base frame: (..., n) -> (..., 4, 4).
+
+        See `pieper.kinematics.fk.fk`.
+
+        >>> load("ur5e").fk([-1.28, 4.41, 1.54, -1.16, -1.56, 0.0])[:3, 3].round(6) + 0.0
+        array([ 0.224996, -0.28312 ,  0.589463])
+        """
+        return _fk.fk(self.chain, q, up_to=up_to, out=out, threads=threads)
+
+    def fk_frames(self, q: ArrayLike, *, frames: Sequence[str | int] | None = None) -> FloatArray:
+        """Poses of every frame of the chain, (..., k, 4, 4). See `pieper.kinematics.fk.fk_frames`."""
+        return _fk.fk_frames(self.chain, q, frames=frames)
+
+    def jacobian(self, q: ArrayLike, *, out: FloatArray | None = None, threads: int = 1) -> FloatArray:
+        """Geometric Jacobian in base axes, (..., 6, n), linear part first. See `pieper.kinematics.jacobian.jacobian`."""
+        return _jacobian.jacobian(self.chain, q, out=out, threads=threads)
+
+    def jacobian_space(self, q: ArrayLike, *, out: FloatArray | None = None, threads: int = 1) -> FloatArray:
+        """Space Jacobian, (..., 6, n): twists in the base frame."""
+        return _jacobian.jacobian_space(self.chain, q, out=out, threads=threads)
+
+    def jacobian_body(self, q: ArrayLike, *, out: FloatArray | None = None, threads: int = 1) -> FloatArray:
+        """Body Jacobian, (..., 6, n): twists in the tip frame."""
+        return _jacobian.jacobian_body(self.chain, q, out=out, threads=threads)
+
+    def jacobian_rate(self, q: ArrayLike, dq: ArrayLike) -> FloatArray:
+        """Time derivative of the geometric Jacobian, (..., 6, n)."""
+        return _jacobian.jacobian_rate(self.chain, q, dq)
+
+    def hessian(self, q: ArrayLike) -> FloatArray:
+        """Derivative of the geometric Jacobian by each joint, (..., n, 6, n)."""
+        return _jacobian.hessian(self.chain, q)
+
+    def manipulability(self, q: ArrayLike, *, threads: int = 1) -> Any:
+        """Yoshikawa's manipulability, (...)."""
+        return _jacobian.manipulability(self.chain, q, threads=threads)
+
+    # --- how to get there
+
+    def ik(self, T_base_tip: ArrayLike, seed: ArrayLike | None = None, **options: Any) -> IKSolutions:
+        """Joint values that bring the tip to `T_base_tip`, (..., 4, 4). See `pieper.ik.solve.solve` for options."""
+        return _solve.solve(self.chain, T_base_tip, seed=seed, **options)
+
+    # --- a changed arm
+
+    def with_tool(self, T_tip_tool: ArrayLike, *, name: str = "tool") -> Arm:
+        """The arm with a tool: its tip becomes ``T_base_tip @ T_tip_tool``."""
+        return Arm(self.chain.with_tool(T_tip_tool, name=name), self.description)
+
+    def with_base(self, T_world_base: ArrayLike, *, name: str = "world") -> Arm:
+        """The arm mounted at `T_world_base`: poses are given in the world frame from now on."""
+        return Arm(self.chain.with_base(T_world_base, name=name), self.description)
+
+    def lock(self, joints: Mapping[str, float] | None = None, **more: float) -> Arm:
+        """A smaller arm with joints held: ``arm.lock(joint_4_r=0.0)``, or a mapping for names that are no identifiers."""
+        return Arm(self.chain.lock(**{**(joints or {}), **more}), self.description)
+
+    def __repr__(self) -> str:
+        return f"Arm({self.name!r}, {self.dof} joints, {self.base!r} -> {self.tip!r})"
+
+
+def load(
+    what: str | bytes | os.PathLike[str] | Chain | Description | DhTable,
+    *,
+    base: str | None = None,
+    tip: str | None = None,
+    nominal: bool = False,
+    packages: PackageFolders | None = None,
+    xacro_args: Mapping[str, str] | None = None,
+) -> Arm:
+    """Load an arm from whatever describes it.
+
+    Parameters
+    ----------
+    what : str, bytes, path, Chain, Description or DhTable
+        A built-in name or alias (``"ur5e"``, ``"mh12"``), a file name of a URDF or xacro, the text of a URDF, or an
+        arm that was made with `pieper.model`.
+    base, tip : str, optional
+        Link names. Default: the one sensible chain; where that is ambiguous the error lists the candidates.
+    nominal : bool
+        For built-in robots: exact multiples of pi/4 instead of the rounded angles that the source prints.
+    packages : mapping or iterable of folders, optional
+        Where to look for ``package://`` and ``$(find ...)``, besides the ROS paths and the folders above the file.
+    xacro_args : mapping, optional
+        Arguments of a xacro file.
+
+    Returns
+    -------
+    Arm
+
+    Raises
+    ------
+    UnknownNameError
+        No built-in robot, file or link of that name; near matches are listed.
+    AmbiguousError
+        Several chains fit.
+    UrdfError, XacroError
+        The description is malformed; the message names file, element and reason.
+
+    Examples
+    --------
+    >>> arm = load("mh12")
+    >>> arm.dof, arm.joint_names[0], arm.tip
+    (6, 'joint_1_s', 'tool0')
+    """
+    from pieper.model.dh import DhTable, from_dh
+
+    if isinstance(what, DhTable):
+        what = from_dh(what)
+    if isinstance(what, Chain):
+        if base is not None or tip is not None:
+            what = Description.from_chain(what)
+        else:
+            return Arm(what)
+    description = what if isinstance(what, Description) else _describe(what, nominal, packages, xacro_args)
+    return Arm(description.chain(base, tip), description)
+
+
+def _describe(
+    what: str | bytes | os.PathLike[str],
+    nominal: bool,
+    packages: PackageFolders | None,
+    xacro_args: Mapping[str, str] | None,
+) -> Description:
+    """The description behind a name, a file or a text."""
+    from pieper.model.urdf import from_urdf
+
+    if isinstance(what, bytes):
+        return from_urdf(what, packages=packages)
+    if isinstance(what, str) and what.lstrip("\ufeff \t\r\n").startswith("<"):
+        return from_urdf(what, packages=packages)
+    if not isinstance(what, (str, os.PathLike)):
+        raise DescriptionError(
+            type(what).__name__,
+            "robot",
+            "expected a built-in name, a file, URDF text, a Description, a Chain or a DhTable",
+        )
+    path = Path(what)
+    if path.suffix == ".xacro":
+        from pieper.model.xacro import from_xacro
+
+        return from_xacro(path, args=xacro_args, packages=packages)
+    if isinstance(what, os.PathLike) or path.suffix or len(path.parts) > 1 or path.is_file():
+        return from_urdf(path, packages=packages)
+    from pieper.model import catalog
+
+    try:
+        return catalog.describe(str(what), nominal=nominal)
+    except UnknownNameError as error:
+        raise UnknownNameError(f"{error}; a file needs its suffix, as in {what!s}.urdf") from None

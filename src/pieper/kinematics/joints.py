@@ -1,0 +1,66 @@
+"""Joint vectors at the door: one check of shape, type and finiteness, in words."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pieper.errors import ArrayError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from pieper.model.chain import Chain
+
+
+def as_joints(chain: Chain, q: ArrayLike, *, name: str = "q") -> NDArray[np.float64]:
+    """A C-contiguous float64 array of joint values, or an error that says what is wrong with them.
+
+    Parameters
+    ----------
+    chain : Chain
+    q : (..., n) array_like
+        Joint values [rad or m].
+    name : str
+        What the message calls the argument.
+
+    Returns
+    -------
+    (..., n) array
+
+    Raises
+    ------
+    ArrayError
+        Wrong last dimension, not real numbers, NaN or infinite.
+    """
+    try:
+        array = np.asarray(q)
+    except ValueError as cause:
+        raise ArrayError(
+            f"{name} must be an array of shape (..., {chain.dof}), got rows of different lengths"
+        ) from cause
+    if array.dtype.kind not in "fiu":
+        raise ArrayError(f"{name} must be real numbers, got dtype {array.dtype}")
+    if array.ndim == 0 or array.shape[-1] != chain.dof:
+        raise ArrayError(
+            f"{name} must have shape (..., {chain.dof}), got {array.shape}; "
+            f"the joints of {chain.name!r} are: {', '.join(chain.joint_names)}"
+        )
+    values = np.ascontiguousarray(array, dtype=np.float64)
+    finite = np.isfinite(values)
+    if not finite.all():
+        where = tuple(int(i) for i in np.argwhere(~finite)[0])
+        at = f"{name}[{', '.join(map(str, where))}]"
+        raise ArrayError(f"{name} must be finite, got {at} = {values[where]} (joint {chain.joint_names[where[-1]]!r})")
+    return values
+
+
+def as_out(out: object, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """`out` itself when results can be written into it, or an error that says why not."""
+    if not isinstance(out, np.ndarray) or out.dtype != np.float64 or out.shape != shape:
+        got = f"{out.dtype} array of shape {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
+        raise ArrayError(f"out must be a float64 array of shape {shape}, got {got}")
+    if not (out.flags.c_contiguous and out.flags.writeable):
+        raise ArrayError("out must be C-contiguous and writeable")
+    return out
