@@ -293,6 +293,9 @@ class Description:
         object.__setattr__(self, "joints", tuple(self.joints))
         check(self)
 
+    def __repr__(self) -> str:
+        return f"Description({self.name!r}, {len(self.links)} links, {len(self.joints)} joints)"
+
     # ---- the tree
 
     @cached_property

@@ -72,6 +72,7 @@ def from_urdf(
     *,
     packages: PackageFolders | None = None,
     source: str | None = None,
+    beside: str | os.PathLike[str] | None = None,
 ) -> Description:
     """Read a URDF.
 
@@ -83,6 +84,8 @@ def from_urdf(
         Folders for ``package://``, see `pieper.model.package.find_package`.
     source : str, optional
         Name for messages; the file name or ``<string>``.
+    beside : path, optional
+        The file that text came from, so that its meshes are found; a file name as `what` implies it.
 
     Returns
     -------
@@ -114,6 +117,8 @@ def from_urdf(
     array([[0. , 0.5]])
     """
     text, name, file = _text_of(what, source)
+    if file is None and beside is not None:
+        file = Path(beside)
     reader = _Reader(name, packages, file)
     description = reader.description(_parse(text, name))
     reader.warn()
