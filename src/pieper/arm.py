@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pieper.errors import DescriptionError, UnknownNameError
-from pieper.ik import solve as _solve
 from pieper.kinematics import fk as _fk
 from pieper.kinematics import jacobian as _jacobian
 from pieper.model.chain import Chain, FloatArray
@@ -121,7 +120,9 @@ class Arm:
 
     def ik(self, T_base_tip: ArrayLike, seed: ArrayLike | None = None, **options: Any) -> IKSolutions:
         """Joint values that bring the tip to `T_base_tip`, (..., 4, 4). See `pieper.ik.solve.solve` for options."""
-        return _solve.solve(self.chain, T_base_tip, seed=seed, **options)
+        from pieper.ik.solve import solve
+
+        return solve(self.chain, T_base_tip, seed=seed, **options)
 
     # --- a changed arm
 
