@@ -4,13 +4,13 @@ The joint tables are read as data; URDF text for the peers and the judge's forwa
 without the package under test.
 """
 
+import json
 import pathlib
 import tempfile
 
 import numpy as np
-import yaml
 
-FACTS = pathlib.Path("/work/shared/facts")
+TABLES = pathlib.Path(__file__).parents[1] / "src" / "pieper" / "model" / "robots"
 
 
 class Arm:
@@ -18,21 +18,28 @@ class Arm:
 
     def __init__(self, name: str, table: dict) -> None:
         self.name = name
-        self.base: str = table["base_frame"]
-        self.tip: str = table["tip_frame"]
-        self.joints: list[dict] = table["chain"]
+        self.base: str = table["base"]
+        self.tip: str = table["tip"]
+        self.joints: list[dict] = table["joints"]
         self.moving = [joint for joint in self.joints if joint["type"] != "fixed"]
         self.dof = len(self.moving)
 
     def nominal(self) -> "Arm":
         """The same arm with the exact turns its rounded angles stand for."""
         joints = [{**joint, "rpy": joint.get("rpy_nominal", joint["rpy"])} for joint in self.joints]
-        return Arm(self.name, {"base_frame": self.base, "tip_frame": self.tip, "chain": joints})
+        return Arm(self.name, {"base": self.base, "tip": self.tip, "joints": joints})
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """Lower and upper value of each moving joint, infinite where there is none."""
+        return np.array(
+            [[joint.get("lower", -np.inf), joint.get("upper", np.inf)] for joint in self.moving], dtype=float
+        )
 
     @property
     def limits(self) -> np.ndarray:
-        """Lower and upper value of each moving joint; a turn either way of zero where there is none."""
-        return np.array([_limits(joint) for joint in self.moving])
+        """The same, with half a turn either way of zero where there is none."""
+        return np.where(np.isinf(self.bounds), [-np.pi, np.pi], self.bounds)
 
     def sample(self, count: int, *, seed: int = 0) -> np.ndarray:
         """Joint values drawn evenly between the limits, shape (count, dof)."""
@@ -49,18 +56,29 @@ class Arm:
                 T = T @ _motion(joint, next(column))
         return T
 
-    def urdf(self) -> str:
-        """The chain as URDF text, links without geometry."""
+    def within_limits(self, q: np.ndarray, *, slack: float = 0.0) -> np.ndarray:
+        """Whether each row of (count, dof) keeps the limits."""
+        lower, upper = self.bounds.T
+        return np.all((q >= lower - slack) & (q <= upper + slack), axis=-1)
+
+    def urdf(self, *, continuous: bool = True) -> str:
+        """The chain as URDF text, links without geometry.
+
+        For peers that keep two numbers for a continuous joint: not ``continuous`` makes it a revolute one that may
+        turn a hundred times.
+        """
         links = [self.base, *(joint["child"] for joint in self.joints)]
         lines = [f'<robot name="{self.name}">', *(f'  <link name="{link}"/>' for link in links)]
         for joint in self.joints:
-            lines.append(f'  <joint name="{joint["name"]}" type="{joint["type"]}">')
+            endless = joint["type"] == "continuous"
+            kind = "revolute" if endless and not continuous else joint["type"]
+            lines.append(f'  <joint name="{joint["name"]}" type="{kind}">')
             lines.append(f'    <parent link="{joint["parent"]}"/><child link="{joint["child"]}"/>')
             lines.append(f'    <origin xyz="{_text(joint["xyz"])}" rpy="{_text(joint["rpy"])}"/>')
             if joint["type"] != "fixed":
                 lines.append(f'    <axis xyz="{_text(joint["axis"])}"/>')
-                lower, upper = _limits(joint)
-                bounds = "" if joint["type"] == "continuous" else f'lower="{lower!r}" upper="{upper!r}" '
+                lower, upper = (-628.0, 628.0) if endless else (float(joint["lower"]), float(joint["upper"]))
+                bounds = "" if kind == "continuous" else f'lower="{lower!r}" upper="{upper!r}" '
                 lines.append(f'    <limit {bounds}velocity="1" effort="1"/>')
             lines.append("  </joint>")
         return "\n".join([*lines, "</robot>"])
@@ -73,12 +91,13 @@ class Arm:
 
 
 def load(name: str) -> Arm:
-    return Arm(name, yaml.safe_load((FACTS / f"{name}.yaml").read_text()))
+    return Arm(name, json.loads((TABLES / f"{name}.json").read_text()))
 
 
 def names(*, dof: tuple[int, ...] = (6, 7)) -> list[str]:
-    """The built-in arms with so many joints."""
-    return [path.stem for path in sorted(FACTS.glob("*.yaml")) if load(path.stem).dof in dof]
+    """The built-in arms with so many joints that have a joint table."""
+    tables = {path.stem: json.loads(path.read_text()) for path in sorted(TABLES.glob("*.json"))}
+    return [name for name, table in tables.items() if "joints" in table and Arm(name, table).dof in dof]
 
 
 def pose_errors(T: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -88,12 +107,6 @@ def pose_errors(T: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarr
     skew = np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1)
     angle = np.arctan2(np.linalg.norm(skew, axis=-1), np.trace(R, axis1=-2, axis2=-1) - 1.0)
     return distance, angle
-
-
-def _limits(joint: dict) -> tuple[float, float]:
-    limit = joint.get("limit") or {}
-    lower, upper = limit.get("lower"), limit.get("upper")
-    return (-np.pi, np.pi) if lower is None or upper is None else (float(lower), float(upper))
 
 
 def _origin(joint: dict) -> np.ndarray:

@@ -15,7 +15,9 @@ import tempfile
 import warnings
 from collections.abc import Callable
 
-import paired  # first: sets the threads
+import paired
+
+# isort: split
 import arms
 import numpy as np
 import results

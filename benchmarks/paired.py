@@ -8,19 +8,18 @@ the wait, and threads that a candidate starts do count.
 Import this before NumPy: it keeps linear algebra on one thread and takes away settings that force a slower OpenBLAS.
 """
 
-import os
-
-for setting in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[setting] = "1"
-for setting in ("OPENBLAS_CORETYPE", "OPENBLAS_L2_SIZE"):
-    os.environ.pop(setting, None)
-
 import gc
+import os
 import random
 import statistics
 import time
 import timeit
 from collections.abc import Callable, Mapping
+
+for setting in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[setting] = "1"
+for setting in ("OPENBLAS_CORETYPE", "OPENBLAS_L2_SIZE"):
+    os.environ.pop(setting, None)
 
 
 def pin_to_one_core() -> None:

@@ -1,6 +1,6 @@
 """Results as data: what was measured, on what, with which versions and by which method."""
 
-import datetime
+import datetime as dt
 import json
 import pathlib
 import platform
@@ -58,7 +58,7 @@ def save(question: str, *, method: str, packages: Iterable[str], **figures: obje
     path = RESULTS / f"{question}.json"
     data = {
         "question": question,
-        "date": datetime.datetime.now(datetime.timezone.utc).date().isoformat(),
+        "date": dt.datetime.now(dt.timezone.utc).date().isoformat(),
         "commit": commit(),
         "machine": machine(),
         "versions": versions(["pieper", "numpy", *packages]),
