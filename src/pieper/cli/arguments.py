@@ -1,0 +1,72 @@
+"""Arguments and options that several verbs share, and the arm that they name."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from pieper.arm import Arm
+
+ArmName = Annotated[str, typer.Argument(metavar="ARM", help="A built-in robot, or a URDF or xacro file.")]
+Base = Annotated[str | None, typer.Option("--base", metavar="LINK", help="Link where the arm begins.")]
+Tip = Annotated[str | None, typer.Option("--tip", metavar="LINK", help="Link where the arm ends.")]
+Nominal = Annotated[
+    bool, typer.Option("--nominal", help="Of a built-in robot: exact multiples of 45 deg for printed angles.")
+]
+Degrees = Annotated[bool, typer.Option("--deg", help="Angles are given in degrees, not in radians.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON for scripts: metres and radians, whatever --deg says.")]
+X = Annotated[float, typer.Argument(metavar="X", help="Target in the base frame [m].")]
+Y = Annotated[float, typer.Argument(metavar="Y", help="")]
+Z = Annotated[float, typer.Argument(metavar="Z", help="")]
+Rpy = Annotated[
+    tuple[float, float, float] | None,
+    typer.Option("--rpy", metavar="ROLL PITCH YAW", help="Orientation Rz(yaw) Ry(pitch) Rx(roll) of the tip."),
+]
+Quaternion = Annotated[
+    tuple[float, float, float, float] | None,
+    typer.Option("--quat", metavar="X Y Z W", help="Orientation of the tip as a quaternion, scalar last."),
+]
+Axis = Annotated[
+    tuple[float, float, float] | None,
+    typer.Option("--axis", metavar="X Y Z", help="Direction for the z axis of the tip, in base axes; free to spin."),
+]
+Seed = Annotated[
+    str | None,
+    typer.Option("--seed", metavar="Q1,Q2,...", help="Joint values to start from, separated by commas."),
+]
+
+
+def load(name: str, *, base: str | None = None, tip: str | None = None, nominal: bool = False) -> Arm:
+    """The arm that the command line names."""
+    import pieper
+
+    return pieper.load(name, base=base, tip=tip, nominal=nominal)
+
+
+def joint_values(arm: Arm, values: Sequence[float], *, degrees: bool) -> NDArray[np.float64]:
+    """(n,) joint values [rad or m]; with `degrees` those of turning joints were typed in degrees."""
+    import numpy as np
+
+    from pieper.errors import ArrayError
+
+    if len(values) != arm.dof:
+        names = ", ".join(arm.joint_names)
+        raise ArrayError(f"{arm.name} has {arm.dof} joints ({names}) and needs as many values, got {len(values)}")
+    q = np.array(values, dtype=np.float64)
+    return np.where(turning(arm), np.radians(q), q) if degrees else q
+
+
+def turning(arm: Arm) -> NDArray[np.bool_]:
+    """(n,) mask of the joints whose values are angles."""
+    import numpy as np
+
+    chain = arm.chain
+    moved = chain.coupling != 0.0  # (axes, joints)
+    return np.array([bool(chain.is_revolute[axes].all()) for axes in moved.T], dtype=np.bool_)

@@ -1,0 +1,99 @@
+"""``pieper convert``: one description of an arm to another."""
+
+from __future__ import annotations
+
+import json
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pieper.cli.arguments import ArmName, Base, Json, Nominal, Tip, load
+from pieper.cli.show import matrix, numbers, plain
+
+if TYPE_CHECKING:
+    from pieper.arm import Arm
+    from pieper.model.dh import Convention
+
+
+class Format(str, Enum):
+    """What an arm can be written as."""
+
+    DH = "dh"
+    MDH = "mdh"
+    HAYATI = "hayati"
+    SCREWS = "screws"
+    URDF = "urdf"
+    SYMPY = "sympy"
+    LATEX = "latex"
+    C = "c"
+    PYTHON = "python"
+
+
+def convert(
+    arm: ArmName,
+    to: Annotated[Format, typer.Option("--to", help="What to write.")],
+    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write here instead of printing.")] = None,
+    base: Base = None,
+    tip: Tip = None,
+    nominal: Nominal = False,
+    as_json: Json = False,
+) -> int:
+    """Write an arm as Denavit-Hartenberg rows, screws, URDF, or formulas."""
+    robot = load(arm, base=base, tip=tip, nominal=nominal)
+    text = _json(robot, to) if as_json else _text(robot, to)
+    text = text.rstrip("\n") + "\n"
+    if out is None:
+        typer.echo(text, nl=False)
+    else:
+        out.write_text(text, encoding="utf-8")
+        typer.echo(f"wrote {out}", err=True)
+    return 0
+
+
+_CONVENTIONS: dict[Format, Convention] = {Format.DH: "standard", Format.MDH: "modified", Format.HAYATI: "hayati"}
+
+
+def _text(robot: Arm, to: Format) -> str:
+    chain = robot.chain
+    if to in _CONVENTIONS:
+        from pieper.model import dh
+
+        return str(dh.as_dh(chain, convention=_CONVENTIONS[to]))
+    if to is Format.SCREWS:
+        return _screws(robot)
+    if to is Format.URDF:
+        from pieper.model.urdf import as_urdf
+
+        return as_urdf(chain)
+    from pieper.model import symbolic
+
+    T = symbolic.from_chain(chain)
+    if to is Format.SYMPY:
+        return symbolic.as_yaml(T)
+    return {Format.LATEX: symbolic.as_latex, Format.C: symbolic.as_c, Format.PYTHON: symbolic.as_python}[to](T)
+
+
+def _json(robot: Arm, to: Format) -> str:
+    if to in _CONVENTIONS:
+        from pieper.model import dh
+
+        return json.dumps(dh.as_record(dh.as_dh(robot.chain, convention=_CONVENTIONS[to])), indent=2)
+    if to is Format.SCREWS:
+        return json.dumps(plain(_screw_record(robot)), indent=2)
+    return json.dumps({"name": robot.name, "format": to.value, "text": _text(robot, to)}, indent=2)
+
+
+def _screws(robot: Arm) -> str:
+    chain = robot.chain
+    lines = [f"{chain.name}, screws in {chain.base} at home, linear part first"]
+    lines += [numbers(screw, 9, 13) for screw in chain.screws]
+    lines += [f"pose of {chain.tip} at home", matrix(chain.home, 9)]
+    return "\n".join(lines)
+
+
+def _screw_record(robot: Arm) -> dict[str, Any]:
+    chain = robot.chain
+    keys = ("name", "base", "tip", "joint_names", "screws", "home", "limits", "max_velocity", "max_effort", "coupling")
+    return {key: getattr(chain, key) for key in keys}

@@ -1,0 +1,117 @@
+"""The command ``pieper``: its verbs, its exit codes, and how it speaks of errors.
+
+Exit codes: 0 done, or target reached; 1 target not reached, the nearest answer is printed; 2 the input is at fault; 3 an
+optional package is missing; 4 a fault in pieper itself; 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import traceback
+import warnings
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pieper.cli import convert, fk, info, robots
+from pieper.errors import MissingExtraError, PieperError, PieperWarning
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+DONE, NOT_REACHED, BAD_INPUT, MISSING_PACKAGE, FAULT, INTERRUPTED = 0, 1, 2, 3, 4, 130
+
+_NEGATIVE_NUMBER = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|-(inf|nan)", re.IGNORECASE)
+_UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # typer exports the child alone
+
+app = typer.Typer(
+    name="pieper",
+    help="Kinematics and inverse kinematics of serial robot arms.",
+    epilog="Lengths in metres, angles in radians unless --deg is given. Exit codes: 0 done or reached, 1 not reached, "
+    "2 bad input, 3 optional package missing.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+for _verb in (robots, info, fk, convert):
+    app.command()(getattr(_verb, _verb.__name__.rpartition(".")[2]))
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from pieper._version import __version__
+
+        typer.echo(f"pieper {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and leave.", is_eager=True, callback=_print_version)
+    ] = False,
+) -> None:
+    pass
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command with these arguments, those of the process by default.
+
+    Returns
+    -------
+    int
+        The exit code.
+
+    Examples
+    --------
+    >>> main(["--version"])
+    pieper ...
+    0
+    """
+    typed = list(sys.argv[1:] if arguments is None else arguments)
+    # A leading space keeps a negative number from being taken for an option; float() does not mind it.
+    typed = [" " + word if _NEGATIVE_NUMBER.fullmatch(word) else word for word in typed]
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", PieperWarning)
+        warnings.showwarning = _show_warning
+        try:
+            return int(app(typed or ["--help"], prog_name="pieper", standalone_mode=False) or DONE)
+        except _UsageError as error:
+            return _complain(_usage(error), BAD_INPUT)
+        except MissingExtraError as error:
+            return _complain(str(error), MISSING_PACKAGE)
+        except (PieperError, OSError) as error:
+            if isinstance(error, BrokenPipeError):  # the reader of a pipe has seen enough, as `| head` does
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+                return DONE
+            return _complain(_sentence(error), BAD_INPUT)
+        except (KeyboardInterrupt, typer.Abort):
+            return _complain("interrupted", INTERRUPTED)
+        except Exception as error:  # noqa: BLE001  a script must not take a crash for "not reached"
+            traceback.print_exception(error)
+            return _complain("this is a fault in pieper; please report it with the lines above", FAULT)
+
+
+def _usage(error: Exception) -> str:
+    """What is wrong with the arguments, and where to look."""
+    context = getattr(error, "ctx", None)
+    command = context.command_path if context is not None else "pieper"
+    text = str(getattr(error, "format_message", lambda: error)()).strip()
+    return f"{text.rstrip('.')}; see: {command} --help"
+
+
+def _sentence(error: Exception) -> str:
+    if isinstance(error, OSError) and error.strerror and error.filename:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)
+
+
+def _complain(sentence: str, code: int) -> int:
+    typer.secho(f"pieper: {' '.join(sentence.split())}", err=True, fg=typer.colors.RED)
+    return code
+
+
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    typer.secho(f"pieper: {message}", err=True, fg=typer.colors.YELLOW)

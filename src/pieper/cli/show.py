@@ -1,0 +1,120 @@
+"""How the verbs print: tables in plain columns, and JSON that scripts can rely on."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from textwrap import wrap
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+    from rich.console import Console
+
+
+def console() -> Console:
+    """Standard output; colours on a terminal only, 80 columns where the width is not known."""
+    from rich.console import Console
+
+    return Console(file=sys.stdout, highlight=False, soft_wrap=False)
+
+
+def print_table(out: Console, headings: Sequence[str], rows: Iterable[Sequence[str]], *, title: str = "") -> None:
+    """Print rows under headings, two spaces apart; a heading that begins with ``>`` is of a column set to the right.
+
+    Nothing is cut: only the last column, if it is set to the left, is wrapped to the width of the screen.
+    """
+    cells = [[heading.removeprefix(">") for heading in headings], *rows]
+    widths = [max(len(row[k]) for row in cells) for k in range(len(headings))]
+    right = [heading.startswith(">") for heading in headings]
+    start = sum(widths[:-1]) + 2 * (len(widths) - 1)
+    if title:
+        out.print(title, style="bold", markup=False)
+    for line_number, row in enumerate(cells):
+        parts = [text.rjust(w) if r else text.ljust(w) for text, w, r in zip(row, widths, right, strict=True)]
+        lines = [parts[-1]] if right[-1] else wrap(row[-1], max(20, out.width - start)) or [""]
+        out.print(
+            "  ".join([*parts[:-1], lines[0]]).rstrip(),
+            style=None if line_number else "dim",
+            markup=False,
+            no_wrap=True,
+            overflow="ignore",
+            crop=False,
+        )
+        for line in lines[1:]:
+            out.print(" " * start + line, markup=False)
+
+
+def print_json(value: dict[str, Any]) -> None:
+    """One JSON object on standard output; arrays as lists, numbers in full, null for what is infinite or unknown."""
+    sys.stdout.write(json.dumps(plain(value), indent=2, allow_nan=False) + "\n")
+
+
+def plain(value: Any) -> Any:
+    """The value in types that JSON has.
+
+    >>> import numpy as np
+    >>> plain({"limits": np.array([[-1.0, np.inf]]), "ok": np.bool_(True)})
+    {'limits': [[-1.0, None]], 'ok': True}
+    """
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def number(value: float, digits: int = 6) -> str:
+    """A fixed number of decimals, without a minus before zero; ``-`` for what is infinite or unknown.
+
+    >>> number(1.25, 3), number(-1e-9, 3), number(float("inf"))
+    ('1.250', '0.000', '-')
+    """
+    if not math.isfinite(value):
+        return "-"
+    text = f"{value:.{digits}f}"
+    return text.removeprefix("-") if float(text) == 0.0 else text
+
+
+def numbers(values: Iterable[float], digits: int = 6, width: int = 0) -> str:
+    """Several numbers in one line, each `width` characters wide."""
+    return "  ".join(number(value, digits).rjust(width) for value in values)
+
+
+def small(value: float, unit: str) -> str:
+    """An error as a person reads it: two figures.
+
+    >>> small(3.14e-13, "m"), small(0.0, "m"), small(0.0512, "m")
+    ('3.1e-13 m', '0 m', '0.051 m')
+    """
+    if not math.isfinite(value):
+        return "-"
+    return f"{value:.2g} {unit}"
+
+
+def gauge(value: float, lower: float, upper: float, width: int = 13) -> str:
+    """Where a joint stands between its limits, drawn in plain characters; empty for a joint without limits.
+
+    >>> gauge(0.0, -1.0, 1.0, 7), gauge(2.0, -1.0, 1.0, 7)
+    ('[--|--]', '[-----]!')
+    """
+    if not (math.isfinite(lower) and math.isfinite(upper) and math.isfinite(value)) or lower >= upper:
+        return ""
+    inside = width - 2
+    if not lower <= value <= upper:
+        return "!" * (value < lower) + "[" + "-" * inside + "]" + "!" * (value > upper)
+    at = min(inside - 1, int((value - lower) / (upper - lower) * inside))
+    return "[" + "-" * at + "|" + "-" * (inside - 1 - at) + "]"
+
+
+def matrix(T: NDArray[np.float64], digits: int = 6) -> str:
+    """A matrix, one row a line."""
+    return "\n".join("  " + numbers(row, digits, digits + 4) for row in T.tolist())
