@@ -9,6 +9,7 @@ void bind_forward_kinematics(nb::class_<NativeChain>& chain) {
   chain.def(
       "fk",
       [](const NativeChain& self, nb::handle q, nb::handle out, std::size_t threads) {
+        if (threads == 0) not_plain("threads");
         const Input joints(q, {self.chain.joints()}, "q");
         joints.require_finite();
         const Output poses(joints.leading(), {4, 4}, out);

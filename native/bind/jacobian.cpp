@@ -7,6 +7,7 @@ void bind_jacobian(nb::class_<NativeChain>& chain) {
   chain.def(
       "jacobian",
       [](const NativeChain& self, nb::handle q, JacobianKind kind, nb::handle out, std::size_t threads) {
+        if (threads == 0) not_plain("threads");
         const std::size_t n = self.chain.joints();
         const Input joints(q, {n}, "q");
         joints.require_finite();
@@ -49,6 +50,7 @@ void bind_jacobian(nb::class_<NativeChain>& chain) {
   chain.def(
       "manipulability",
       [](const NativeChain& self, nb::handle q, std::size_t threads) {
+        if (threads == 0) not_plain("threads");
         const Input joints(q, {self.chain.joints()}, "q");
         joints.require_finite();
         const Output measures(joints.leading(), {}, nb::none());

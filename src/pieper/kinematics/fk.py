@@ -8,6 +8,7 @@ configurations per instruction.
 
 from __future__ import annotations
 
+import operator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -108,6 +109,10 @@ def _frame_poses(chain: Chain, q: ArrayLike, which: Sequence[str | int]) -> NDAr
 
 
 def _as_threads(threads: int) -> int:
-    if threads < 1:
+    try:
+        count = operator.index(threads)
+    except TypeError:
+        count = 0
+    if count < 1:
         raise ArrayError(f"threads must be a whole number of at least 1, got {threads!r}")
-    return threads
+    return count

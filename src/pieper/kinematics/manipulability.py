@@ -478,4 +478,4 @@ def _largest_positive(columns: FloatArray) -> FloatArray:
     """Each column with the sign that makes its component of largest size positive."""
     largest = np.argmax(np.abs(columns), axis=-2)[..., None, :]
     sign = np.where(np.take_along_axis(columns, largest, axis=-2) < 0.0, -1.0, 1.0)
-    return np.asarray(columns * sign + 0.0, dtype=np.float64)  # + 0.0 turns -0.0 into 0.0
+    return np.asarray(columns * sign, dtype=np.float64) + 0.0  # + 0.0 turns -0.0 into 0.0
