@@ -87,8 +87,8 @@ def _print_joints(out: Console, robot: Arm) -> None:
         row += [number(joint[key] * scale, digits) for key in ("lower", "upper")]
         row += ["deg" if turns else "m", number(joint["max_velocity"] * scale, digits - 1)]
         rows.append([*row, number(joint["max_effort"], 1)])
-    headings = ("joint", "type", ">lower", ">upper", "unit", ">speed [/s]", ">effort [N, Nm]")
-    print_table(out, headings, rows, title="Joints")
+    headings = ("joint", "type", ">lower", ">upper", "unit", ">speed [/s]", ">effort")
+    print_table(out, headings, rows, title="Joints; effort in N or N m")
 
 
 def _print_dh(out: Console, table: DhTable) -> None:

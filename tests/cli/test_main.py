@@ -1,0 +1,126 @@
+"""What every verb has in common: quick help, exit codes, one sentence for an error, numbers below zero."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+import pieper
+from pieper.cli import main as command
+
+VERBS = ("robots", "info", "fk", "convert")
+HEAVY = ("numpy", "scipy", "sympy", "yaml", "mpmath", "xacrodoc")
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], *([verb, "--help"] for verb in VERBS)], ids=" ".join)
+def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
+    code = (
+        "import sys; from pieper.cli.main import main; code = main(sys.argv[1:]);"
+        f"print('imported:', *(m for m in {HEAVY!r} if m in sys.modules)); sys.exit(code)"
+    )
+    result = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code, *arguments], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert result.stdout.splitlines()[-1] == "imported:"
+    assert not result.stderr
+
+
+def test_module_is_the_command() -> None:
+    result = subprocess.run(
+        [sys.executable, "-m", "pieper", "--version"], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert result.stdout == f"pieper {pieper.__version__}\n"
+
+
+def test_without_arguments_it_helps(pieper_command) -> None:
+    result = pieper_command()
+    assert result.code == 0
+    assert all(verb in result.out for verb in VERBS)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["fkk", "mh12"], "No such command 'fkk'"),
+        (["fk"], "Missing argument 'ARM'; see: pieper fk --help"),
+        (["fk", "mh12", "0", "zero"], "see: pieper fk --help"),
+        (["fk", "mh12", "--sede", "3"], "No such option: --sede"),
+        (["fk", "mh12", "-x"], "No such option: -x"),
+        (["fk", "mh12", "1", "2"], "yaskawa_mh12 has 6 joints (joint_1_s, "),
+        (["fk", "mh12", "nan", "0", "0", "0", "0", "0"], "must be finite"),
+        (["fk", "mh12", "-inf", "0", "0", "0", "0", "0"], "must be finite"),
+        (["fk", "mh13", "1", "2"], "did you mean 'mh12'"),
+        (["fk", "nowhere/arm.urdf", "1"], "nowhere/arm.urdf"),
+        (["fk", "mh12", "0", "0", "0", "0", "0", "0", "--tip", "tool9"], "did you mean 'tool0'"),
+        (["fk", "mh12", "0", "0", "0", "0", "0", "0", "--up-to", "link_7"], "link_6"),
+        (["convert", "mh12", "--to", "dhh"], "dhh"),
+    ],
+    ids=" ".join,
+)
+def test_bad_input_is_one_sentence_and_code_2(pieper_command, arguments: list[str], complaint: str) -> None:
+    result = pieper_command(*arguments)
+    assert result.code == command.BAD_INPUT
+    assert result.out == ""
+    assert result.err.startswith("pieper: ")
+    assert result.err.count("\n") == 1
+    assert complaint in result.err
+
+
+def test_numbers_below_zero_are_numbers(pieper_command) -> None:
+    words = ["-0.1", "-.2", "-3e-1", "-1", "-0.", "+0.5"]
+    result = pieper_command("fk", "mh12", *words, "--json")
+    assert result.code == command.DONE
+    assert result.json["q"] == [float(word) for word in words]
+
+
+def test_a_crash_is_not_mistaken_for_an_answer(pieper_command, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise RuntimeError("broken")
+
+    monkeypatch.setattr(pieper, "load", broken)
+    result = pieper_command("fk", "mh12", 0)
+    assert result.code == command.FAULT
+    assert "RuntimeError: broken" in result.err
+    assert "report" in result.err
+
+
+def test_a_missing_extra_has_its_own_code(pieper_command, monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(*_: object, **__: object) -> None:
+        raise pieper.errors.MissingExtraError("xacrodoc", "xacro", "reading xacro")
+
+    monkeypatch.setattr(pieper, "load", missing)
+    result = pieper_command("fk", "mh12", 0)
+    assert result.code == command.MISSING_PACKAGE
+    assert "pip install 'pieper[xacro]'" in result.err
+
+
+def test_interrupted(pieper_command, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pieper, "load", interrupted)
+    assert pieper_command("fk", "mh12", 0).code == command.INTERRUPTED
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes close differently on Windows")
+def test_a_closed_pipe_is_quiet() -> None:
+    line = f"{sys.executable} -m pieper robots | head -n 1"
+    result = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=True, timeout=60)
+    assert result.stdout.startswith("name")
+    assert not result.stderr
+
+
+def test_warnings_are_one_line(pieper_command, tmp_path) -> None:
+    urdf = tmp_path / "one.urdf"
+    urdf.write_text(
+        '<robot name="one"><link name="a"/><link name="b"><visual><geometry><mesh filename="gone.stl"/></geometry></visual>'
+        '</link><joint name="j" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>'
+    )
+    result = pieper_command("fk", urdf, 0.5)
+    assert result.code == command.DONE
+    assert "gone.stl" in result.err
+    assert result.err.count("\n") == 1
+    assert "Warning" not in result.err
