@@ -471,7 +471,8 @@ def _weighed(J: ArrayLike, characteristic_length: float) -> FloatArray:
             f"characteristic_length weighs metres against radians and needs J of shape (..., 6, n), got {jacobian.shape}"
         )
     weight = np.array([1.0 / characteristic_length] * 3 + [1.0] * 3)
-    return jacobian * weight[:, None]
+    weighed: FloatArray = jacobian * weight[:, None]
+    return weighed
 
 
 def _largest_positive(columns: FloatArray) -> FloatArray:

@@ -99,6 +99,6 @@ def nearest(angle: ArrayLike, to: ArrayLike) -> FloatArray:
 def _wrap(angle: FloatArray) -> FloatArray:
     rest = np.fmod(angle, _TURN)  # exact
     turns = np.round((angle - rest) / _TURN)
-    rest = rest - turns * _TURN_REST
+    rest = np.fmod(rest - turns * _TURN_REST, _TURN)
     rest = np.where(rest > np.pi, rest - _TURN, rest)
     return np.where(rest <= -np.pi, rest + _TURN, rest)

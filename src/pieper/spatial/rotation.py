@@ -26,7 +26,7 @@ import numpy as np
 from pieper.errors import ArrayError, unknown_name
 from pieper.spatial._checks import FloatArray, rotations, stack
 from pieper.spatial.angle import wrap
-from pieper.spatial.twist import quaternion_from_matrix
+from pieper.spatial.twist import quaternion_from_matrix, unit_and_length
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -131,13 +131,7 @@ def from_rotation_vector(rotation_vector: ArrayLike) -> FloatArray:
            [ 1.,  0.,  0.],
            [ 0.,  0.,  1.]])
     """
-    from scipy.spatial.transform import Rotation
-
-    vector = stack(rotation_vector, (3,), "rotation vector")
-    if vector.size == 0:
-        return np.empty((*vector.shape[:-1], 3, 3))
-    matrix: FloatArray = Rotation.from_rotvec(vector.reshape(-1, 3)).as_matrix()
-    return matrix.reshape(*vector.shape, 3)
+    return _matrix_of_turn(*unit_and_length(stack(rotation_vector, (3,), "rotation vector")))
 
 
 def as_rotation_vector(R: ArrayLike) -> FloatArray:
@@ -277,8 +271,7 @@ def from_axis_angle(axis: ArrayLike, angle: ArrayLike) -> FloatArray:
     zero = np.asarray(~direction.any(axis=-1))
     if (zero & (turn != 0.0)).any():
         raise ArrayError("axis must not be zero where the angle is not zero")
-    unit = _unit(np.where(zero[..., None], (1.0, 0.0, 0.0), direction), "axis")
-    return from_rotation_vector(unit * turn[..., None])
+    return _matrix_of_turn(unit_and_length(direction)[0], turn)
 
 
 def as_axis_angle(R: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -309,10 +302,8 @@ def as_axis_angle(R: ArrayLike) -> tuple[FloatArray, FloatArray]:
     (array([0., 0., 1.]), 3.141592653589793)
     """
     quaternion = as_quaternion(R)
-    vector = quaternion[..., :3]
-    zero = ~vector.any(axis=-1, keepdims=True)
-    axis = np.where(zero, 0.0, _unit(np.where(zero, 1.0, vector), "axis"))
-    return axis, _quaternion_angle(quaternion)
+    axis, half_sine = unit_and_length(quaternion[..., :3])
+    return axis, np.asarray(2.0 * np.arctan2(half_sine, quaternion[..., 3]))
 
 
 def from_euler(sequence: str, angles: ArrayLike) -> FloatArray:
@@ -765,13 +756,16 @@ def _known(sequence: str) -> None:
 
 
 def _unit(vector: FloatArray, name: str) -> FloatArray:
-    """Vectors of length 1 along the last axis; scaled first, so that no square under- or overflows."""
-    size = np.abs(vector).max(axis=-1, keepdims=True)
-    if (size == 0.0).any():
+    """Vectors of length 1 along the last axis."""
+    if not vector.any(axis=-1).all():
         raise ArrayError(f"{name} must not be zero: it has no direction to normalise")
-    scaled = vector / size
-    unit: FloatArray = scaled / np.sqrt((scaled * scaled).sum(axis=-1, keepdims=True))
-    return unit
+    return unit_and_length(vector)[0]
+
+
+def _matrix_of_turn(axis: FloatArray, angle: FloatArray) -> FloatArray:
+    """Rotation matrices of unit axes (or zero ones, for no turn) and angles."""
+    half = 0.5 * angle[..., None]
+    return _matrix_from_unit_quaternion(np.concatenate([np.sin(half) * axis, np.cos(half)], axis=-1))
 
 
 def _matrix_from_unit_quaternion(quaternion: FloatArray) -> FloatArray:
@@ -785,6 +779,4 @@ def _matrix_from_unit_quaternion(quaternion: FloatArray) -> FloatArray:
 
 def _quaternion_angle(quaternion: FloatArray) -> FloatArray:
     """Angle in [0, pi] of unit quaternions with ``w >= 0``."""
-    x, y, z, w = (quaternion[..., i] for i in range(4))
-    half: FloatArray = np.arctan2(np.hypot(np.hypot(x, y), z), w)
-    return np.asarray(2.0 * half)
+    return np.asarray(2.0 * np.arctan2(unit_and_length(quaternion[..., :3])[1], quaternion[..., 3]))

@@ -12,7 +12,6 @@ Shepperd, Quaternion from rotation matrix, J. Guidance and Control 1 (1978) 223-
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,15 +22,7 @@ from pieper.spatial._checks import FloatArray, poses, stack
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-_SERIES_BELOW = 0.25  # of the squared angle: below it the quotients cancel, and eight terms of their series are exact
-# sin(x)/x, (1 - cos(x))/x^2 and (x - sin(x))/x^3 as power series in x^2
-_SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(8))
-_COSINE = tuple((-1.0) ** k / math.factorial(2 * k + 2) for k in range(8))
-_EXCESS = tuple((-1.0) ** k / math.factorial(2 * k + 3) for k in range(8))
-# (1 - (x/2) cot(x/2))/x^2 as power series in x^2: |B_2k|/(2k)! with the Bernoulli numbers B_2k
-_COTANGENT = (
-    1 / 12, 1 / 720, 1 / 30240, 1 / 1209600, 1 / 47900160, 691 / 1307674368000, 1 / 74724249600, 3617 / 10670622842880000,
-)  # fmt: skip
+_LARGEST = float(np.finfo(np.float64).max)
 
 
 def hat(vector: ArrayLike) -> FloatArray:
@@ -113,9 +104,9 @@ def vee(matrix: ArrayLike) -> FloatArray:
 def exp(twist: ArrayLike) -> FloatArray:
     """Pose reached by following a twist for unit time, ``T = exp(hat(twist))``.
 
-    With ``x = |w|`` (Murray, Li, Sastry, sections 2.2 and 2.3):
-    ``R = cos(x) + sin(x)/x hat(w) + (1 - cos(x))/x^2 w w^T`` and
-    ``p = (1 + (1 - cos(x))/x^2 hat(w) + (x - sin(x))/x^3 hat(w)^2) v``.
+    With ``w = x u``, u of unit length (Murray, Li, Sastry, sections 2.2 and 2.3):
+    ``R = cos(x) + sin(x) hat(u) + (1 - cos(x)) u u^T`` and
+    ``p = (1 + (1 - cos(x))/x hat(u) + (1 - sin(x)/x) hat(u)^2) v``.
 
     Parameters
     ----------
@@ -125,7 +116,7 @@ def exp(twist: ArrayLike) -> FloatArray:
     Returns
     -------
     (..., 4, 4) array
-        Exact to rounding for every angle; the quotients are power series below 0.5 rad.
+        Exact to rounding at every angle, however small: ``1 - cos(x)`` is computed as ``2 sin(x/2)^2``.
 
     Raises
     ------
@@ -141,15 +132,21 @@ def exp(twist: ArrayLike) -> FloatArray:
     array([ 1., -1.,  0.])
     """
     xi = stack(twist, (6,), "twist")
-    v, w = xi[..., :3], xi[..., 3:]
-    x = _norm(w)
-    sine, cosine, excess = _exp_coefficients(x)
+    v = xi[..., :3]
+    u, x = unit_and_length(xi[..., 3:])
+    half_sine = np.sin(0.5 * x)
+    versine = 2.0 * half_sine * half_sine
+    turns = x > 0.0
+    divisor = np.where(turns, x, 1.0)
+    excess = np.where(turns, 1.0 - np.sin(x) / divisor, 0.0)
     T = np.zeros((*xi.shape[:-1], 4, 4))
-    T[..., :3, :3] = sine * _skew(w) + cosine * (w[..., :, None] * w[..., None, :])
+    T[..., :3, :3] = (
+        np.sin(x)[..., None, None] * _skew(u) + versine[..., None, None] * u[..., :, None] * u[..., None, :]
+    )
     for i in range(3):
         T[..., i, i] += np.cos(x)
-    w_v = np.cross(w, v)
-    T[..., :3, 3] = v + cosine[..., 0] * w_v + excess[..., 0] * np.cross(w, w_v)
+    u_v = np.cross(u, v)
+    T[..., :3, 3] = v + (versine / divisor)[..., None] * u_v + excess[..., None] * np.cross(u, u_v)
     T[..., 3, 3] = 1.0
     return T
 
@@ -158,7 +155,7 @@ def log(T: ArrayLike) -> FloatArray:
     """Twist that reaches a pose in unit time, with an angle in [0, pi]; the inverse of `exp`.
 
     The rotation vector comes from the quaternion by ``2 atan2(|v|, w)``, which is exact near 0 and near pi, and
-    ``v = (1 - hat(w)/2 + (1 - (x/2) cot(x/2))/x^2 hat(w)^2) p`` (Murray, Li, Sastry, appendix A; Modern Robotics, eq. 3.92).
+    ``v = (1 - hat(w)/2 + (1 - (x/2) cot(x/2)) hat(u)^2) p`` with ``w = x u`` (Modern Robotics, eq. 3.92).
 
     Parameters
     ----------
@@ -190,19 +187,13 @@ def log(T: ArrayLike) -> FloatArray:
     pose = poses(T, "T")
     p = pose[..., :3, 3]
     quaternion = quaternion_from_matrix(pose[..., :3, :3])
-    w = rotation_vector_from_quaternion(quaternion)
-    half_sine, half_cosine = _norm(quaternion[..., :3]), quaternion[..., 3]
-    x = 2.0 * np.arctan2(half_sine, half_cosine)
-    square = x * x
-    small = square < _SERIES_BELOW
-    safe = np.where(small, 1.0, square)
-    safe_sine = np.where(small, 1.0, half_sine)
-    coefficient = np.where(
-        small, _series(np.where(small, square, 0.0), _COTANGENT), (1.0 - 0.5 * x * half_cosine / safe_sine) / safe
-    )
-    w_p = np.cross(w, p)
-    v = p - 0.5 * w_p + coefficient[..., None] * np.cross(w, w_p)
-    return np.concatenate([v, w], axis=-1)
+    u, half_sine = unit_and_length(quaternion[..., :3])
+    half_angle = np.arctan2(half_sine, quaternion[..., 3])
+    turns = half_sine > 0.0
+    cotangent = np.where(turns, half_angle * quaternion[..., 3] / np.where(turns, half_sine, 1.0), 1.0)
+    u_p = np.cross(u, p)
+    v = p - half_angle[..., None] * u_p + (1.0 - cotangent)[..., None] * np.cross(u, u_p)
+    return np.concatenate([v, 2.0 * half_angle[..., None] * u], axis=-1)
 
 
 def adjoint(T: ArrayLike) -> FloatArray:
@@ -293,7 +284,7 @@ def quaternion_from_matrix(R: FloatArray) -> FloatArray:
     outer[..., 3, 3] = 1.0 + trace
     largest = np.argmax(np.diagonal(outer, axis1=-2, axis2=-1), axis=-1)
     q = np.take_along_axis(outer, largest[..., None, None], axis=-2)[..., 0, :]
-    return canonical(q / _norm(q)[..., None])
+    return canonical(unit_and_length(q)[0])
 
 
 def canonical(quaternion: FloatArray) -> FloatArray:
@@ -305,42 +296,22 @@ def canonical(quaternion: FloatArray) -> FloatArray:
 
 def rotation_vector_from_quaternion(quaternion: FloatArray) -> FloatArray:
     """Axis times angle [rad], angle in [0, pi], of unit quaternions xyzw with ``w >= 0`` (trusts its argument)."""
-    vector = quaternion[..., :3]
-    half_sine = _norm(vector)
-    angle = 2.0 * np.arctan2(half_sine, quaternion[..., 3])
-    # angle / sin(angle/2) tends to 2; where the sine is 0 the quotient does not matter
-    scale = np.where(half_sine > 0.0, angle / np.where(half_sine > 0.0, half_sine, 1.0), 2.0)
-    rotation_vector: FloatArray = scale[..., None] * vector
-    return rotation_vector
+    u, half_sine = unit_and_length(quaternion[..., :3])
+    return 2.0 * np.arctan2(half_sine, quaternion[..., 3])[..., None] * u
 
 
-def _exp_coefficients(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """``sin(x)/x``, ``(1 - cos(x))/x^2`` and ``(x - sin(x))/x^3``, each with two trailing axes of length 1."""
-    square = x * x
-    small = square < _SERIES_BELOW
-    s = np.where(small, square, 0.0)
-    safe = np.where(small, 1.0, x)
-    half = np.sin(0.5 * safe) / safe
-    sine = np.where(small, _series(s, _SINE), np.sin(safe) / safe)
-    cosine = np.where(small, _series(s, _COSINE), 2.0 * half * half)
-    excess = np.where(small, _series(s, _EXCESS), (1.0 - np.sin(safe) / safe) / (safe * safe))
-    return sine[..., None, None], cosine[..., None, None], excess[..., None, None]
+def unit_and_length(vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Direction and Euclidean length along the last axis; the direction of a zero vector is zero.
 
-
-def _series(square: FloatArray, coefficients: tuple[float, ...]) -> FloatArray:
-    """Horner's rule."""
-    total = np.full_like(square, coefficients[-1])
-    for c in reversed(coefficients[:-1]):
-        total = total * square + c
-    return total
-
-
-def _norm(vector: FloatArray) -> FloatArray:
-    """Euclidean length along the last axis, without under- or overflow of the squares."""
+    The squares of the components neither underflow nor overflow, and a length past the largest double is that double.
+    """
     size = np.abs(vector).max(axis=-1, keepdims=True)
     scaled = vector / np.where(size > 0.0, size, 1.0)
-    length: FloatArray = np.sqrt((scaled * scaled).sum(axis=-1)) * size[..., 0]
-    return length
+    scaled_length = np.sqrt((scaled * scaled).sum(axis=-1, keepdims=True))
+    unit = scaled / np.where(size > 0.0, scaled_length, 1.0)
+    with np.errstate(over="ignore"):
+        length = np.minimum(size * scaled_length, _LARGEST)
+    return unit, length[..., 0]
 
 
 def _skew(w: FloatArray) -> FloatArray:
