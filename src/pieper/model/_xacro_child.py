@@ -6,7 +6,7 @@ expressions and has functions that read any file; the hook does not depend on wh
 """
 
 # The audit hook runs inside every open(): plain strings are quicker than Path and open nothing themselves.
-# ruff: noqa: PTH102, PTH113, PTH118, PTH119, PTH120
+# ruff: noqa: PTH113, PTH118, PTH119, PTH120
 
 from __future__ import annotations
 

@@ -474,6 +474,8 @@ class Description:
         while joint.mimic is not None:
             offset += multiplier * joint.mimic.offset
             multiplier *= joint.mimic.multiplier
+            if not (-inf < multiplier < inf and -inf < offset < inf):
+                raise DescriptionError(self.source, f"joint {joint.name!r}", "the mimic multipliers grow without bound")
             joint = self._joints[joint.mimic.joint]
         return joint.name, multiplier, offset
 
