@@ -15,7 +15,8 @@ def test_json_is_the_arm(pieper_command, name: str) -> None:
     assert [joint["name"] for joint in answer["joints"]] == list(arm.joint_names)
     limits = [[joint["lower"], joint["upper"]] for joint in answer["joints"]]
     np.testing.assert_array_equal(
-        [[-np.inf if lower is None else lower, np.inf if upper is None else upper] for lower, upper in limits], arm.limits
+        [[-np.inf if lower is None else lower, np.inf if upper is None else upper] for lower, upper in limits],
+        arm.limits,
     )
     np.testing.assert_array_equal(answer["screws"], arm.chain.screws)
     np.testing.assert_array_equal(answer["home"], arm.chain.home)

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pieper.cli import record
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -14,7 +16,7 @@ if TYPE_CHECKING:
 
     from pieper.arm import Arm
 
-ArmName = Annotated[str, typer.Argument(metavar="ARM", help="A built-in robot, or a URDF or xacro file.")]
+ArmName = Annotated[str, typer.Argument(metavar="ARM", help="A built-in robot, or a URDF, xacro or JSON file.")]
 Base = Annotated[str | None, typer.Option("--base", metavar="LINK", help="Link where the arm begins.")]
 Tip = Annotated[str | None, typer.Option("--tip", metavar="LINK", help="Link where the arm ends.")]
 Nominal = Annotated[
@@ -47,7 +49,8 @@ def load(name: str, *, base: str | None = None, tip: str | None = None, nominal:
     """The arm that the command line names."""
     import pieper
 
-    return pieper.load(name, base=base, tip=tip, nominal=nominal)
+    what = record.from_file(name) if name.lower().endswith(".json") else name
+    return pieper.load(what, base=base, tip=tip, nominal=nominal)
 
 
 def joint_values(arm: Arm, values: Sequence[float], *, degrees: bool) -> NDArray[np.float64]:

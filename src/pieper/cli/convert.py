@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pieper.cli.arguments import ArmName, Base, Json, Nominal, Tip, load
+from pieper.cli.record import screw_record
 from pieper.cli.show import matrix, numbers, plain
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ def _json(robot: Arm, to: Format) -> str:
 
         return json.dumps(dh.as_record(dh.as_dh(robot.chain, convention=_CONVENTIONS[to])), indent=2)
     if to is Format.SCREWS:
-        return json.dumps(plain(_screw_record(robot)), indent=2)
+        return json.dumps(plain(screw_record(robot.chain)), indent=2)
     return json.dumps({"name": robot.name, "format": to.value, "text": _text(robot, to)}, indent=2)
 
 
@@ -91,9 +92,3 @@ def _screws(robot: Arm) -> str:
     lines += [numbers(screw, 9, 13) for screw in chain.screws]
     lines += [f"pose of {chain.tip} at home", matrix(chain.home, 9)]
     return "\n".join(lines)
-
-
-def _screw_record(robot: Arm) -> dict[str, Any]:
-    chain = robot.chain
-    keys = ("name", "base", "tip", "joint_names", "screws", "home", "limits", "max_velocity", "max_effort", "coupling")
-    return {key: getattr(chain, key) for key in keys}
