@@ -1,13 +1,24 @@
-"""The Python blocks of the README and of every page in docs/ run, each page in one namespace from top to bottom."""
+"""The README and every page in docs/ are true.
 
+Python blocks run, each page in one namespace from top to bottom. Console blocks run too: what follows a line ``$ pieper ...``
+is what the command prints; ``...`` stands for anything, and ``(exit code 1)`` for its exit code where that is not 0.
+"""
+
+import contextlib
+import doctest
+import io
 import re
+import shlex
 from pathlib import Path
 
 import pytest
 
+from pieper.cli.main import main
+
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted(p for p in (ROOT / "docs").rglob("*.md") if "_build" not in p.parts)]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+CONSOLE = re.compile(r"^```console\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\((?!https?://|#)([^)#\s]+)[^)]*\)")
 
 
@@ -15,6 +26,16 @@ def blocks(page: Path) -> list[tuple[int, str]]:
     """First line number and text of each Python block."""
     text = page.read_text(encoding="utf-8")
     return [(text.count("\n", 0, match.start(1)), match[1]) for match in BLOCK.finditer(text)]
+
+
+def commands(page: Path) -> list[tuple[str, str]]:
+    """Each command line of the console blocks, and what it is said to print."""
+    found = []
+    for match in CONSOLE.finditer(page.read_text(encoding="utf-8")):
+        for part in re.split(r"^\$ ", match[1], flags=re.MULTILINE)[1:]:
+            line, _, output = part.partition("\n")
+            found.append((line, output))
+    return found
 
 
 def name(page: Path) -> str:
@@ -27,6 +48,21 @@ def test_blocks_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     namespace = {"__name__": "__main__"}
     for line, code in blocks(page):
         exec(compile("\n" * line + code, str(page), "exec"), namespace)
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if commands(p)], ids=name)
+def test_commands_print_what_is_said(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+    for line, expected in commands(page):
+        program, *arguments = shlex.split(line)
+        assert program == "pieper", f"{line}: only pieper can be run here; put other commands in a bash block"
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
+            code = main(arguments)
+        got = printed.getvalue() + (f"(exit code {code})\n" if code else "")
+        flags = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+        assert doctest.OutputChecker().check_output(expected, got, flags), f"$ {line}\n{got}"
 
 
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"], ids=name)
