@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import pickle
+from itertools import pairwise
 from math import inf, nan, pi
 
 import numpy as np
@@ -38,7 +39,7 @@ def tree(text: str, **options) -> Description:
 def arm(first: str, prefix: str, joints: int, then: str = "") -> str:
     """Lines of an arm behind a link: links <prefix>1, <prefix>2, ..., and more lines behind it."""
     names = [first, *(f"{prefix}{i + 1}" for i in range(joints))]
-    return "\n".join(f"{a} r {b}" for a, b in zip(names, names[1:], strict=False)) + "\n" + then.format(last=names[-1])
+    return "\n".join(f"{a} r {b}" for a, b in pairwise(names)) + "\n" + then.format(last=names[-1])
 
 
 # --- what is refused
@@ -163,7 +164,7 @@ def test_lookup():
         ("b_joint", True),
         ("d_joint", True),
     ]
-    with pytest.raises(UnknownNameError, match="no joint 'b_joynt'.*did you mean 'b_joint'"):
+    with pytest.raises(UnknownNameError, match=r"no joint 'b_joynt'.*did you mean 'b_joint'"):
         robot.joint("b_joynt")
     with pytest.raises(UnknownNameError, match="no link 'e' in description 'robot'; links are: a, b, c, d"):
         robot.chain(tip="e")
@@ -176,7 +177,7 @@ def test_twenty_thousand_links_take_no_recursion():
     robot = Description("long", links, joints)
     assert robot.chain(tip=f"l{n - 1}").dof == 0
     comb = tuple(joint(f"j{i}", "revolute", f"l{i // 2}", f"l{i + 1}") for i in range(n - 1))
-    with pytest.raises(AmbiguousError, match="and [0-9]+ more"):
+    with pytest.raises(AmbiguousError, match=r"and [0-9]+ more"):
         Description("bush", links, comb).chain()
 
 

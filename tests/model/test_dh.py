@@ -58,8 +58,10 @@ def quiet_dh(arm: Chain, **options) -> DhTable:
         return as_dh(arm, **options)
 
 
-def reach(arm: Chain) -> float:
-    return max(1.0, float(np.abs(arm.screws).max(initial=0.0)), float(np.abs(arm.home).max()))
+def reach(arm: Chain, q: np.ndarray | None = None) -> float:
+    """A length [m] that no point of the arm leaves, at home or, what slides included, at q."""
+    slid = 0.0 if q is None else float(np.abs(q[~arm.is_revolute]).sum())
+    return 1.0 + float(np.abs(arm.screws).max(initial=0.0)) + float(np.abs(arm.home).max()) + slid
 
 
 def difference(a: Chain, b: Chain) -> float:
@@ -356,7 +358,7 @@ def check_round_trip(arm: Chain, seed: int) -> None:
     q = np.random.default_rng(seed).uniform(-3, 3, arm.dof)
     for convention in CONVENTIONS:
         table = quiet_dh(arm, convention=convention)
-        allowed = ROUNDING * reach(arm) * max(1.0, table.amplification.sum())
+        allowed = ROUNDING * reach(arm, q) * max(1.0, table.amplification.sum())
         back = from_dh(table)
         assert difference(arm, back) < allowed
         assert np.abs(forward_kinematics(table, q) - fk(arm, q)).max() < allowed

@@ -223,6 +223,8 @@ def _parse(text: str | bytes, source: str) -> _Element:
     try:
         parser.feed(text)
         root = parser.close()
+    except UrdfError:
+        raise
     except DTDForbidden as cause:
         raise UrdfError(source, "document type", "<!DOCTYPE> is refused, a URDF needs none; remove it") from cause
     except DefusedXmlException as cause:
