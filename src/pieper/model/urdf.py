@@ -6,7 +6,9 @@ names the source, the element and the reason; nothing is repaired in silence.
 
 The format is described at http://wiki.ros.org/urdf/XML. Two points differ from it, both so that a gap in the file does
 not turn into a stiff joint: a revolute or prismatic joint without limits is taken as unlimited, with a warning, and a
-limit beyond 1e30 in size, which some exporters write for *none*, counts as none.
+limit beyond 1e30 in size, which some exporters write for *none*, counts as none. Three habits of published files that say
+nothing about the robot are let pass: blank lines before the XML header, an empty ``<texture/>``, and tags or attributes
+of another program (``drake:acceleration``) whose prefix is not declared.
 """
 
 from __future__ import annotations
@@ -180,7 +182,7 @@ def _text_of(what: object, source: str | None) -> tuple[str | bytes, str, Path |
         data = bytes(what)
         name = source or "<string>"
         _check_size(len(data), name)
-        return data, name, None
+        return data.lstrip(b" \t\r\n"), name, None
     if isinstance(what, str) and (what.lstrip("\ufeff \t\r\n")[:1] == "<" or not what.strip() or "\n" in what):
         name = source or "<string>"
         _check_size(len(what), name)
@@ -205,7 +207,7 @@ def _text_of(what: object, source: str | None) -> tuple[str | bytes, str, Path |
             name, "file", f"cannot be read: {reason}; give a URDF file, or URDF text that starts with <"
         ) from cause
     _check_size(len(data), name)
-    return data, name, file
+    return data.lstrip(b" \t\r\n"), name, file
 
 
 def _check_size(size: int, source: str) -> None:
@@ -219,10 +221,13 @@ def _parse(text: str | bytes, source: str) -> _Element:
     """The root element; the parser of defusedxml with document types forbidden."""
     if not text.strip():
         raise UrdfError(source, "document", "is empty; a URDF starts with <robot name=...>")
-    parser = XMLParser(target=_Builder(source), forbid_dtd=True)
     try:
-        parser.feed(text)
-        root = parser.close()
+        try:
+            root = _tree(text, source)
+        except ParseError as cause:
+            if "unbound prefix" not in str(cause):
+                raise
+            root = _tree(_with_prefixes(text), source)
     except UrdfError:
         raise
     except DTDForbidden as cause:
@@ -239,6 +244,29 @@ def _parse(text: str | bytes, source: str) -> _Element:
     if not isinstance(root, _Element):
         raise UrdfError(source, "document", "has no element; a URDF starts with <robot name=...>")
     return root
+
+
+def _tree(text: str | bytes, source: str) -> object:
+    parser = XMLParser(target=_Builder(source), forbid_dtd=True)
+    parser.feed(text)
+    return parser.close()
+
+
+def _with_prefixes(text: str | bytes) -> str | bytes:
+    """The same with the prefixes of foreign tags and attributes declared at the root; xacro's stays undeclared.
+
+    Works on bytes of any encoding that has ASCII in it. Where it finds nothing the text stays as it is.
+    """
+    data = text if isinstance(text, bytes) else text.encode("utf-8", "surrogatepass")
+    root = re.search(rb"<robot(?=[\s>])", data)
+    foreign = set(re.findall(rb"[<\s]([A-Za-z_][\w.-]{0,60}):[A-Za-z_]", data))
+    foreign = {prefix for prefix in foreign if prefix.lower() not in (b"xacro", b"xml", b"xmlns")}
+    foreign -= set(re.findall(rb"xmlns:([A-Za-z_][\w.-]{0,60})", data))
+    if root is None or not foreign or len(foreign) > MAX_ATTRIBUTES:
+        return text
+    declared = b"".join(b' xmlns:%b="undeclared:%b"' % (prefix, prefix) for prefix in sorted(foreign))
+    data = data[: root.end()] + declared + data[root.end() :]
+    return data if isinstance(text, bytes) else data.decode("utf-8", "surrogatepass")
 
 
 # --------------------------------------------------------------------------------------------------------------------
@@ -493,7 +521,7 @@ class _Reader:
         if color is not None:
             r, g, b, a = self._numbers(self._attribute(color, "rgba", shown), 4, shown, "rgba of <color>")
             rgba = (r, g, b, a)
-        return Material(name, rgba, None if texture is None else self._attribute(texture, "filename", shown))
+        return Material(name, rgba, None if texture is None else texture.attributes.get("filename"))
 
     def _inertial(self, element: _Element, shown: str) -> Inertial:
         mass = self._positive(self._needed(element, "mass", shown), "value", shown)
