@@ -115,7 +115,12 @@ def check(robot: Description) -> None:
         size = max(1.0, float(np.abs(chain.screws).max(initial=0.0)), float(np.abs(chain.home).max()))
         assert np.allclose(same.screws, chain.screws, rtol=0.0, atol=1e-12 * size)
         assert np.allclose(same.home, chain.home, rtol=0.0, atol=1e-12 * size)
-        back = from_urdf(as_urdf(chain)).chain(chain.base, chain.tip)
+        try:
+            text = as_urdf(chain)
+        except UrdfError:  # two lengths that the reader takes can add up to one that it does not
+            assert max(size, float(np.abs(chain.coupling).max(initial=0.0))) > 1e8
+            return
+        back = from_urdf(text).chain(chain.base, chain.tip)
         assert np.allclose(back.home, chain.home, rtol=0.0, atol=1e-12 * size)
     for leaf in robot.leaves[:3]:
         try:

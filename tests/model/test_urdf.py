@@ -315,6 +315,18 @@ def test_names_are_escaped():
         as_urdf(Description("r", (Link("a\x00b"),), ()))
 
 
+def test_what_the_reader_would_refuse_is_not_written():
+    T = np.eye(4)
+    T[0, 3] = 1.5e9
+    with pytest.raises(
+        UrdfError, match=r"joint 'base-tip': the origin must be within \+-1e\+09 to be written, got 1.5e\+09"
+    ):
+        as_urdf(Chain("far", np.zeros((0, 6)), T, np.zeros((0, 2)), ()))
+    chain = Chain("c", np.eye(6)[[5, 5]], np.eye(4), [[-1, 1]], ("j",), coupling=[[1.0], [1e10]])
+    with pytest.raises(UrdfError, match="joint 'j_mimic': the mimic must be within"):
+        as_urdf(chain)
+
+
 def test_written_chains_satisfy_urdfdom():
     pin = pytest.importorskip("pinocchio", reason="Pinocchio reads URDF through urdfdom")
     chain = Chain("c", [[0, 0, 0, 0, 0, 1], [1, 0, 0, 0, 0, 0]], np.eye(4), [[-1, 1], [-inf, inf]], ("turn", "slide"))

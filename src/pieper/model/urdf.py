@@ -593,7 +593,8 @@ def as_urdf(robot: Chain | Description) -> str:
     Raises
     ------
     UrdfError
-        The chain has an axis that depends on several joints, or a name holds a character that XML cannot carry.
+        The chain has an axis that depends on several joints, a name holds a character that XML cannot carry, or a
+        number is so large that `from_urdf` would refuse it.
 
     Notes
     -----
@@ -647,6 +648,12 @@ class _Writer:
     def _add(self, indent: int, line: str) -> None:
         self.lines.append("  " * indent + line)
 
+    def _check_size(self, values: Sequence[float] | FloatArray, element: str, what: str) -> None:
+        largest = max(abs(float(value)) for value in values)
+        if not largest <= _LARGEST:
+            reason = f"{what} must be within +-{_LARGEST:g} to be written, got {largest:g}"
+            raise UrdfError(self.description.source, element, reason)
+
     def _origin(self, indent: int, T: FloatArray) -> None:
         xyz, rpy = T[:3, 3], _rpy_from_rotation(T[:3, :3])
         if any(xyz) or any(rpy):
@@ -656,6 +663,7 @@ class _Writer:
         self._add(1, f'<joint name={self._quoted(joint.name)} type="{joint.type}">')
         self._add(2, f"<parent link={self._quoted(joint.parent)}/>")
         self._add(2, f"<child link={self._quoted(joint.child)}/>")
+        self._check_size(joint.T_parent_joint[:3, 3], f"joint {joint.name!r}", "the origin")
         self._origin(2, joint.T_parent_joint)
         if joint.type not in ("fixed", "floating"):
             self._add(2, f'<axis xyz="{_printed(joint.axis)}"/>')
@@ -665,6 +673,7 @@ class _Writer:
         elif joint.type != "fixed" and (joint.velocity < inf or joint.effort < inf):
             self._add(2, f"<limit {self._speed_and_effort(joint)}/>")
         if joint.mimic is not None:
+            self._check_size((joint.mimic.multiplier, joint.mimic.offset), f"joint {joint.name!r}", "the mimic")
             factor, offset = _printed([joint.mimic.multiplier]), _printed([joint.mimic.offset])
             self._add(2, f'<mimic joint={self._quoted(joint.mimic.joint)} multiplier="{factor}" offset="{offset}"/>')
         self._add(1, "</joint>")
