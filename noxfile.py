@@ -129,7 +129,7 @@ def fuzz(session: nox.Session) -> None:
     install_pieper(session, "test")
     session.install("atheris")
     seconds = session.posargs[0] if session.posargs else "600"
-    for target in sorted(Path("tests/fuzz").glob("fuzz_*.py")):
+    for target in sorted(Path("fuzz").glob("fuzz_*.py")):
         session.run("python", str(target), f"-max_total_time={seconds}")
 
 
