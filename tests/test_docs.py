@@ -1,6 +1,6 @@
 """The README and every page in docs/ are true.
 
-Python blocks run, each page in one namespace from top to bottom. Console blocks run too: what follows a line ``$ pieper ...``
+Blocks of ``python`` run and those of ``pycon`` print what they say, each page in one namespace from top to bottom. Console blocks run too: what follows a line ``$ pieper ...``
 is what the command prints; ``...`` stands for anything, and ``(exit code 1)`` for its exit code where that is not 0.
 """
 
@@ -11,21 +11,23 @@ import re
 import shlex
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pieper.cli.main import main
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r"^```(python|pycon)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 CONSOLE = re.compile(r"^```console\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+SHOWN = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 LINK = re.compile(r"\]\((?!https?://|#)([^)#\s]+)[^)]*\)")
 
 
-def blocks(page: Path) -> list[tuple[int, str]]:
-    """First line number and text of each Python block."""
+def blocks(page: Path) -> list[tuple[int, str, str]]:
+    """Line number, language and text of each block that Python runs."""
     text = page.read_text(encoding="utf-8")
-    return [(text.count("\n", 0, match.start(1)), match[1]) for match in BLOCK.finditer(text)]
+    return [(text.count("\n", 0, match.start(2)), match[1], match[2]) for match in BLOCK.finditer(text)]
 
 
 def commands(page: Path) -> list[tuple[str, str]]:
@@ -45,9 +47,21 @@ def name(page: Path) -> str:
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p)], ids=name)
 def test_blocks_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)  # what a block writes stays out of the repository
-    namespace = {"__name__": "__main__"}
-    for line, code in blocks(page):
+    namespace: dict[str, object] = {"__name__": "__main__"}
+    with np.printoptions():  # a page may set its own
+        for line, language, code in blocks(page):
+            run_block(page, line, language, code, namespace)
+
+
+def run_block(page: Path, line: int, language: str, code: str, namespace: dict[str, object]) -> None:
+    if language == "python":
         exec(compile("\n" * line + code, str(page), "exec"), namespace)
+        return
+    example = doctest.DocTestParser().get_doctest(code, namespace, name(page), str(page), line)
+    runner = doctest.DocTestRunner(optionflags=SHOWN | doctest.REPORT_NDIFF)
+    said = io.StringIO()
+    assert runner.run(example, out=said.write, clear_globs=False).failed == 0, said.getvalue()
+    namespace.update(example.globs)
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if commands(p)], ids=name)
@@ -61,8 +75,7 @@ def test_commands_print_what_is_said(page: Path, tmp_path: Path, monkeypatch: py
         with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
             code = main(arguments)
         got = printed.getvalue() + (f"(exit code {code})\n" if code else "")
-        flags = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
-        assert doctest.OutputChecker().check_output(expected, got, flags), f"$ {line}\n{got}"
+        assert doctest.OutputChecker().check_output(expected, got, SHOWN), f"$ {line}\n{got}"
 
 
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"], ids=name)
