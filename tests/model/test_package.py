@@ -38,6 +38,14 @@ def test_given_folders(tmp_path):
     assert find_package("arm", packages=[tmp_path / "nowhere"]) is None
 
 
+def test_home_is_expanded(tmp_path, monkeypatch):
+    arm = make(tmp_path / "ws" / "arm")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("USERPROFILE", str(tmp_path))
+    assert find_package("arm", packages=["~/ws"]) == str(arm)
+    assert find_package("arm", packages={"arm": "~/ws/arm"}) == str(arm)
+
+
 def test_ros_paths(tmp_path, monkeypatch):
     ros1 = make(tmp_path / "ros1" / "arm")
     ros2 = make(tmp_path / "ros2" / "share" / "leg")

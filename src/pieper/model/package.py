@@ -105,16 +105,20 @@ def package_of(path: str | os.PathLike[str]) -> str | None:
 def _candidates(name: str, packages: PackageFolders | None, beside: str | os.PathLike[str] | None) -> Iterator[Path]:
     if isinstance(packages, Mapping):
         if name in packages:
-            yield Path(packages[name])
+            yield _home(packages[name])
     elif packages is not None:
         for folder in [packages] if isinstance(packages, (str, os.PathLike)) else packages:
-            yield from _in_workspace(name, Path(folder))
+            yield from _in_workspace(name, _home(folder))
     if beside is not None:
         yield from _above(name, Path(os.path.abspath(beside)))  # noqa: PTH100
     for entry in _paths_in("ROS_PACKAGE_PATH"):
         yield from _in_workspace(name, entry)
     for prefix in _paths_in("AMENT_PREFIX_PATH"):
         yield prefix / "share" / name
+
+
+def _home(folder: str | os.PathLike[str]) -> Path:
+    return Path(os.path.expanduser(folder))  # noqa: PTH111  which raises where there is no home
 
 
 def _paths_in(variable: str) -> list[Path]:

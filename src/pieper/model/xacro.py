@@ -193,9 +193,13 @@ def _plain(packages: PackageFolders | None) -> dict[str, str] | list[str] | None
     if packages is None:
         return None
     if isinstance(packages, Mapping):
-        return {str(name): os.path.abspath(folder) for name, folder in packages.items()}  # noqa: PTH100
+        return {str(name): _absolute(folder) for name, folder in packages.items()}
     folders = [packages] if isinstance(packages, (str, os.PathLike)) else packages
-    return [os.path.abspath(folder) for folder in folders]  # noqa: PTH100
+    return [_absolute(folder) for folder in folders]
+
+
+def _absolute(folder: str | os.PathLike[str]) -> str:
+    return os.path.abspath(os.path.expanduser(folder))  # noqa: PTH100, PTH111
 
 
 def _roots(path: str | None, packages: PackageFolders | None) -> list[str]:
