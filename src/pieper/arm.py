@@ -156,7 +156,7 @@ def load(
     Parameters
     ----------
     what : str, bytes, path, Chain, Description or DhTable
-        A built-in name or alias (``"ur5e"``, ``"mh12"``), a file name of a URDF or xacro, the text of a URDF, or an
+        A built-in name or alias (``"ur5e"``, ``"mh12"``), a file name of a URDF or xacro, the text of one, or an
         arm that was made with `pieper.model`.
     base, tip : str, optional
         Link names. Default: the one sensible chain; where that is ambiguous the error lists the candidates.
@@ -211,6 +211,10 @@ def _describe(
     if isinstance(what, bytes):
         return from_urdf(what, packages=packages)
     if isinstance(what, str) and what.lstrip("\ufeff \t\r\n").startswith("<"):
+        from pieper.model.xacro import from_xacro, is_xacro
+
+        if is_xacro(what):
+            return from_xacro(what, args=xacro_args, packages=packages)
         return from_urdf(what, packages=packages)
     if not isinstance(what, (str, os.PathLike)):
         raise DescriptionError(
@@ -223,7 +227,7 @@ def _describe(
         from pieper.model.xacro import from_xacro
 
         return from_xacro(path, args=xacro_args, packages=packages)
-    if isinstance(what, os.PathLike) or path.suffix or len(path.parts) > 1 or path.is_file():
+    if isinstance(what, os.PathLike) or path.suffix or len(path.parts) > 1 or os.path.isfile(path):  # noqa: PTH113
         return from_urdf(path, packages=packages)
     from pieper.model import catalog
 
