@@ -4,6 +4,7 @@ import datetime as dt
 import json
 import pathlib
 import platform
+import runpy
 import subprocess
 from collections.abc import Iterable
 from importlib import metadata
@@ -38,7 +39,8 @@ def versions(packages: Iterable[str]) -> dict[str, str]:
         try:
             found[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
-            continue
+            if name == "pieper":
+                found[name] = runpy.run_path(str(HERE.parent / "src" / "pieper" / "_version.py"))["__version__"]
     return found
 
 
