@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from pieper.errors import AmbiguousError, PieperError, PieperWarning, UrdfError
 from pieper.model import urdf
+from pieper.model.chain import Chain
 from pieper.model.urdf import as_urdf, from_urdf
 from tests.model.random_trees import urdf_trees
 
@@ -81,9 +82,9 @@ FAULTS: dict[str, tuple[str | bytes, str, str]] = {
     "undefined entity": ('<robot name="&nbsp;"/>', "document", "undefined entity"),
     "depth bomb": ("<robot name='r'>" + "<a>" * 200_000, "document", "is nested more than 64 elements deep"),
     "too many elements": (
-        "<robot name='r'>" + "<a/>" * 250_000 + "</robot>",
+        "<robot name='r'>" + "<a/>" * 150_000 + "</robot>",
         "document",
-        "has more than 200000 elements",
+        "has more than 100000 elements",
     ),
     "too many attributes": (
         "<robot " + " ".join(f'a{i}=""' for i in range(1000)) + "/>",
@@ -113,6 +114,8 @@ FAULTS: dict[str, tuple[str | bytes, str, str]] = {
     ),
     "lone surrogate": ("<robot name='\ud800'/>", "document", "cannot be decoded"),
     "control character": ("<robot name='\x01'/>", "document", "not well-formed XML"),
+    "endless name": (robot(joint(name="x" * 10**6), TAIL), "<joint>", "is longer than 1000 characters"),
+    "endless parent": (robot(joint(parent="x" * 10**6), TAIL), "joint 'j'", "is longer than 1000 characters"),
     # not a robot
     "another root": ("<sdf version='1.7'/>", "<sdf>", "the root element must be <robot>"),
     "html": ("<html><body>404 not found</body></html>", "<html>", "the root element must be <robot>"),
@@ -302,6 +305,65 @@ def test_limits_are_only_just_exceeded():
     from_urdf(f"<robot name='r'><link name='a'/>{deepest}</robot>")
     with pytest.raises(UrdfError, match="nested"):
         from_urdf(f"<robot name='r'><link name='a'/><a>{deepest}</a></robot>")
+
+
+def many(count: int, parent=lambda i: i, inside=lambda i: LIMIT) -> str:
+    """A robot of `count` joints; `parent` of link i + 1 and the `inside` of joint i are given."""
+    links = "".join(f'<link name="l{i}"/>' for i in range(count + 1))
+    joints = (joint(f"j{i}", parent=f"l{parent(i)}", child=f"l{i + 1}", inside=inside(i)) for i in range(count))
+    return robot(*joints, links=links)
+
+
+# Files that cost the square of their length where each joint looks at all others. There is no clock here: with such a
+# mistake these tests take minutes, or all memory, instead of a second or two.
+LARGE = {
+    "a long chain": (many(15_000), "joint 'j2000': is behind 2000 moving joints"),
+    "a long chain of followers": (
+        many(15_000, inside=lambda i: LIMIT + (f'<mimic joint="j{i - 1}"/>' if i else "")),
+        "joint 'j2000': is behind 2000 moving joints",
+    ),
+    "a bush": (many(15_000, parent=lambda i: i // 2), "several chains fit"),
+    "a cycle far down": (
+        robot(
+            *(
+                joint(f"j{i}", parent=f"l{i}", child=f"l{i + 1 if i < 14_000 else 7000}")
+                for i in range(14_001)
+                if i != 6999
+            ),
+            links="".join(f'<link name="l{i}"/>' for i in range(14_001)),
+        ),
+        "is part of a cycle",
+    ),
+    "no such parent among many": (
+        robot(
+            *(joint(f"j{i}", parent="a" * 900 + str(i), child="a" * 900) for i in range(1)),
+            links="".join(f'<link name="{"a" * 900}{i or ""}"/>' for i in range(10_000, 0, -1)),
+        ),
+        "is not a link",
+    ),
+    "many meshes": (
+        robot(
+            links="".join(
+                f'<link name="l{i}"><visual><geometry><mesh filename="package://p/{i}.stl"/></geometry></visual></link>'
+                for i in range(10_000)
+            )
+        ),
+        "has 10000 roots",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", LARGE)
+def test_large_files_take_no_square_of_their_length(case):
+    text, message = LARGE[case]
+    with pytest.raises(PieperError, match=message):
+        default_chain(text)
+
+
+def default_chain(text: str) -> Chain:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PieperWarning)
+        return from_urdf(text).chain()
 
 
 def test_a_thousand_links_are_no_problem():

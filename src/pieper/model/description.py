@@ -26,9 +26,12 @@ FloatArray = NDArray[np.float64]
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 
+MAX_NAME = 1000  # characters
+
 _MOVING = frozenset({"revolute", "continuous", "prismatic"})
 _UNSUPPORTED = frozenset({"floating", "planar"})
 _ROTATION_TOLERANCE = 1e-9  # as for Chain: ten typed digits pass, a typing error does not
+_MAX_AXES = 2000  # the coupling of a chain is dense; no arm comes near, and a hostile file must not fill the memory
 _ON_AXIS = 1e-13  # [m, relative beyond 1 m] rounding left by composing poses; a real offset is far larger
 
 
@@ -442,6 +445,8 @@ class Description:
             if joint.moves:
                 master, multiplier, offset = self._master(joint)
                 if multiplier != 0.0:
+                    if len(screws) == _MAX_AXES:
+                        raise UrdfError(self.source, f"joint {joint.name!r}", f"is behind {_MAX_AXES} moving joints")
                     screws.append(_screw(T, joint, 1.0 if forward else -1.0))
                     rows.append((master, multiplier))
                 if offset != 0.0:
@@ -468,16 +473,28 @@ class Description:
             coupling=coupling,
         )
 
+    @cached_property
+    def _masters(self) -> dict[str, tuple[str, float, float]]:
+        """For each joint the one that it follows in the end, with ``value = multiplier * master + offset``."""
+        masters: dict[str, tuple[str, float, float]] = {}
+        for joint in self.joints:
+            followers: list[Joint] = []
+            while joint.mimic is not None and joint.name not in masters:
+                followers.append(joint)
+                joint = self._joints[joint.mimic.joint]
+            masters.setdefault(joint.name, (joint.name, 1.0, 0.0))
+            for follower in reversed(followers):
+                assert follower.mimic is not None
+                master, multiplier, offset = masters[follower.mimic.joint]
+                factor = follower.mimic.multiplier
+                masters[follower.name] = (master, factor * multiplier, factor * offset + follower.mimic.offset)
+        return masters
+
     def _master(self, joint: Joint) -> tuple[str, float, float]:
-        """The joint that `joint` follows in the end, with ``value = multiplier * master + offset``."""
-        multiplier, offset = 1.0, 0.0
-        while joint.mimic is not None:
-            offset += multiplier * joint.mimic.offset
-            multiplier *= joint.mimic.multiplier
-            if not (-inf < multiplier < inf and -inf < offset < inf):
-                raise DescriptionError(self.source, f"joint {joint.name!r}", "the mimic multipliers grow without bound")
-            joint = self._joints[joint.mimic.joint]
-        return joint.name, multiplier, offset
+        master, multiplier, offset = self._masters[joint.name]
+        if not (-inf < multiplier < inf and -inf < offset < inf):
+            raise DescriptionError(self.source, f"joint {joint.name!r}", "the mimic multipliers grow without bound")
+        return master, multiplier, offset
 
     # ---- the one sensible chain
 
@@ -520,7 +537,9 @@ class Description:
         return self._weight_from(joint, self._reach)
 
     def _joint_count(self, base: str, tip: str) -> int:
-        return sum(step.joint.moves and step.joint.mimic is None for step in self.path(base, tip))
+        """Joints of the chain: those on the path, or the ones that they follow."""
+        masters = (self._masters[step.joint.name] for step in self.path(base, tip) if step.joint.moves)
+        return len({master for master, multiplier, _ in masters if multiplier != 0.0})
 
     def _sensible_tips(self, start: str) -> list[str]:
         """The end of the one sensible chain, or one end for each of the branches that are about equally long."""
@@ -693,7 +712,8 @@ def check(description: Description) -> None:
         )
     order = description._order
     if len(order) < len(links):
-        cyclic = next(name for name in links if name not in set(order))
+        reached = set(order)
+        cyclic = next(name for name in links if name not in reached)
         raise fault(f"joint {above[cyclic].name!r}", f"link {cyclic!r} is part of a cycle; a tree is needed")
     _check_mimics(source, description.joints, joints)
     for role, end in (("base", description.base), ("tip", description.tip)):
@@ -706,6 +726,8 @@ def _unique_names(source: str, kind: str, names: Iterable[object]) -> dict[str, 
     for position, name in enumerate(names):
         if not isinstance(name, str) or not name.strip():
             raise DescriptionError(source, f"{kind} number {position + 1}", f"needs a name, got {name!r}")
+        if len(name) > MAX_NAME:
+            raise DescriptionError(source, f"{kind} {name[:60]!r}...", f"the name is longer than {MAX_NAME} characters")
         if name in seen:
             raise DescriptionError(source, f"{kind} {name!r}", f"the name is given twice; {kind} names must be unique")
         seen[name] = position
@@ -770,12 +792,14 @@ def _check_mimics(source: str, joints: Sequence[Joint], known: dict[str, int]) -
 
 def _near(name: str, known: Iterable[str]) -> str:
     names = list(known)
-    near = get_close_matches(name, names[:2000], n=3, cutoff=0.5)
+    # comparing takes the product of the lengths, and the names come from outside
+    short = [known_name for known_name in names[:2000] if len(known_name) <= 80]
+    near = get_close_matches(name, short, n=3, cutoff=0.5) if len(name) <= 80 else []
     return "did you mean " + " or ".join(repr(n) for n in near) + "?" if near else f"there are: {_listed(names)}"
 
 
 def _listed(names: Sequence[str], most: int = 8) -> str:
-    shown = ", ".join(repr(name) for name in names[:most])
+    shown = ", ".join(repr(name if len(name) <= 80 else name[:77] + "...") for name in names[:most])
     return shown + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
@@ -807,12 +831,14 @@ class _FromChain:
     def build(self) -> Description:
         chain = self.chain
         at, T_at, after = chain.base, np.eye(4), 0
+        written = {chain.base}
         frames = sorted(chain.frames, key=lambda frame: frame.after)
         if frames[-1].name != chain.tip:
             frames.append(Frame(chain.tip, len(chain.screws), chain.home))
         for frame in frames:
-            if frame.name in self.links:  # the base itself
+            if frame.name in written:  # the base itself
                 continue
+            written.add(frame.name)
             while after < frame.after:
                 point = self._nearest_on_axis(after, frame.home[:3, 3])
                 apart = float(np.linalg.norm(point - frame.home[:3, 3]))
@@ -908,10 +934,9 @@ class _FromChain:
         self._add_moving(name, self.chain.base, child, np.eye(4), np.array([0.0, 0.0, 1.0]), turns, index)
 
 
-def _free(name: str, taken: Iterable[str]) -> str:
-    used = set(taken)
+def _free(name: str, taken: set[str]) -> str:
     candidate, count = name, 1
-    while candidate in used:
+    while candidate in taken:
         count += 1
         candidate = f"{name}_{count}"
     return candidate

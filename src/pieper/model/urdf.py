@@ -32,6 +32,7 @@ from pieper.errors import DescriptionError, PieperWarning, UrdfError
 from pieper.model.chain import Chain
 from pieper.model.description import (
     JOINT_TYPES,
+    MAX_NAME,
     Box,
     Capsule,
     Collision,
@@ -47,7 +48,7 @@ from pieper.model.description import (
     Sphere,
     Visual,
 )
-from pieper.model.package import resolve
+from pieper.model.package import find_package, resolve
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -58,7 +59,7 @@ FloatArray = NDArray[np.float64]
 
 MAX_BYTES = 16 * 1024 * 1024
 MAX_DEPTH = 64
-MAX_ELEMENTS = 200_000
+MAX_ELEMENTS = 100_000
 MAX_ATTRIBUTES = 100
 
 _LARGEST = 1e9  # metres or radians in an origin; beyond it sums lose the millimetre
@@ -283,6 +284,7 @@ class _Reader:
         self.namespace = ""
         self.materials: dict[str, Material] = {}
         self.meshes: dict[str, str | None] = {}
+        self.folders: dict[str, str | None] = {}  # package name -> folder
         self.missing: dict[str, str] = {}  # mesh name -> the first link that needs it
         self.unlimited: list[str] = []
 
@@ -311,7 +313,7 @@ class _Reader:
 
     def warn(self) -> None:
         if self.missing:
-            named = [f"{mesh!r} of link {link!r}" for mesh, link in self.missing.items()]
+            named = [f"{_short(mesh)} of link {link!r}" for mesh, link in self.missing.items()]
             more = f" and {len(named) - 5} more" if len(named) > 5 else ""
             warnings.warn(
                 f"{self.source}: mesh not found: {', '.join(named[:5])}{more}; kinematics works without it, to draw or "
@@ -357,6 +359,15 @@ class _Reader:
         name = element.attributes.get("name", "")
         if not name.strip():
             raise self._fault(shown, "needs a name, name='...'")
+        if len(name) > MAX_NAME:
+            raise self._fault(shown, f"the name {_short(name)} is longer than {MAX_NAME} characters")
+        return name
+
+    def _link_or_joint(self, element: _Element, key: str, shown: str) -> str:
+        """An attribute that names a link or a joint."""
+        name = self._attribute(element, key, shown)
+        if len(name) > MAX_NAME:
+            raise self._fault(shown, f"{key} {_short(name)} is longer than {MAX_NAME} characters")
         return name
 
     def _attribute(self, element: _Element, key: str, shown: str) -> str:
@@ -418,8 +429,8 @@ class _Reader:
         kind = self._attribute(element, "type", shown)
         if kind not in JOINT_TYPES:
             raise self._fault(shown, f"unknown type {_short(kind)}; types are: {', '.join(JOINT_TYPES)}")
-        parent = self._attribute(self._needed(element, "parent", shown), "link", shown)
-        child = self._attribute(self._needed(element, "child", shown), "link", shown)
+        parent = self._link_or_joint(self._needed(element, "parent", shown), "link", shown)
+        child = self._link_or_joint(self._needed(element, "child", shown), "link", shown)
         T_parent_joint = self._origin(element, shown)
         axis = [1.0, 0.0, 0.0]
         axis_element = self._only(element, "axis", shown)
@@ -452,7 +463,7 @@ class _Reader:
         if mimic is None:
             return None
         return Mimic(
-            self._attribute(mimic, "joint", shown),
+            self._link_or_joint(mimic, "joint", shown),
             self._optional(mimic, "multiplier", shown, 1.0, _LARGEST),
             self._optional(mimic, "offset", shown, 0.0, _LARGEST),
         )
@@ -505,14 +516,24 @@ class _Reader:
 
     def _mesh_path(self, filename: str, link: str) -> str | None:
         if filename not in self.meshes:
-            self.meshes[filename] = resolve(filename, packages=self.packages, beside=self.file)
+            self.meshes[filename] = self._resolved(filename)
         if self.meshes[filename] is None:
             self.missing.setdefault(filename, link)
         return self.meshes[filename]
 
+    def _resolved(self, filename: str) -> str | None:
+        """The file of a mesh; each package is searched for once, which matters where there are thousands of meshes."""
+        if not filename.startswith("package://"):
+            return resolve(filename, beside=self.file)
+        name = filename.removeprefix("package://").partition("/")[0]
+        if name not in self.folders:
+            self.folders[name] = find_package(name, packages=self.packages, beside=self.file)
+        folder = self.folders[name]
+        return None if folder is None else resolve(filename, packages={name: folder})
+
     def _material(self, element: _Element) -> Material:
         name = element.attributes.get("name", "")
-        shown = f"material {name!r}"
+        shown = f"material {_short(name)}"
         color = self._only(element, "color", shown)
         texture = self._only(element, "texture", shown)
         if color is None and texture is None:
