@@ -43,6 +43,7 @@ NUMBERS = [
     "3.1415926535897931",
 ]
 NAMES = ["a", "b", "c", "d", "e", "", " ", "tool0", "tcp", "&lt;", "\u00e4", "x" * 300]
+FILES = ["a.stl", "package://p/a.stl", "package://../a", "file:///a", "file://[", "http://a/b", "", "\u20ac"]
 TYPES = ["revolute", "continuous", "prismatic", "fixed", "floating", "planar", "", "Revolute", "spherical"]
 NOISE = [
     "<link/>",
@@ -84,8 +85,24 @@ def grown(data: atheris.FuzzedDataProvider) -> str:
     def noise() -> str:
         return data.PickValueInList(NOISE) if rarely(0.02) else ""
 
+    def shape() -> str:
+        if not rarely(0.1):
+            return noise()
+        shapes = [
+            f'<box size="{numbers(3)}"/>',
+            f'<sphere radius="{number()}"/>',
+            f'<cylinder radius="{number()}" length="{number()}"/>',
+            f'<mesh filename="{data.PickValueInList(FILES)}" scale="{numbers(3)}"/>',
+        ]
+        inertia = " ".join(f'{key}="{number()}"' for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+        return (
+            f'<visual><origin xyz="{numbers(3)}" rpy="{numbers(3)}"/><geometry>{data.PickValueInList(shapes)}</geometry>'
+            f'<material name="m"><color rgba="{numbers(4)}"/></material></visual>'
+            f'<inertial><mass value="{number()}"/><inertia {inertia}/></inertial>'
+        )
+
     count = data.ConsumeIntInRange(0, 12)
-    parts = ['<robot name="r">', *(f'<link name="l{i}">{noise()}</link>' for i in range(count))]
+    parts = ['<robot name="r">', *(f'<link name="l{i}">{shape()}</link>' for i in range(count))]
     for child in range(1, count):
         parent = f"l{data.ConsumeIntInRange(0, child - 1)}" if not rarely(0.03) else name(count)
         kind = TYPES[data.ConsumeIntInRange(0, 3)] if not rarely(0.05) else data.PickValueInList(TYPES)
