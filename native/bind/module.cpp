@@ -23,5 +23,6 @@ NB_MODULE(kernels, module) {
       nb::arg("screws"), nb::arg("home"), nb::arg("coupling"), nb::arg("limits"));
   bind_forward_kinematics(chain);
   bind_jacobian(chain);
+  bind_numeric_ik(module, chain);
   bind_instruction_sets(module);
 }

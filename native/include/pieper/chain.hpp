@@ -3,6 +3,8 @@
 
 #include <array>
 #include <cstddef>
+#include <memory>
+#include <mutex>
 #include <vector>
 
 namespace pieper {
@@ -37,6 +39,8 @@ struct Folded {
   bool tip_turns = false;
 };
 
+class SearchTable;  // see search_table.hpp
+
 class Chain {
  public:
   // The screws (m, 6) linear part first and the home pose (4, 4), row-major, in the base frame. `coupling` (m, n) gives
@@ -56,6 +60,8 @@ class Chain {
   const double* coupling(std::size_t axis) const { return &coupling_[joints_ * axis]; }
   double lower(std::size_t joint) const { return limits_[2 * joint]; }
   double upper(std::size_t joint) const { return limits_[2 * joint + 1]; }
+  // Starting points for inverse kinematics; made when first asked for.
+  const SearchTable& search_table() const;
 
  private:
   void fold();
@@ -65,6 +71,8 @@ class Chain {
   std::array<double, 12> home_;
   std::vector<Axis> axes_;
   Folded folded_;
+  mutable std::once_flag search_table_once_;
+  mutable std::shared_ptr<const SearchTable> search_table_;
 };
 
 }  // namespace pieper

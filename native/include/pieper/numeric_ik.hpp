@@ -36,13 +36,13 @@ struct SearchSpace {
   const double* upper = nullptr;
   const double* first = nullptr;  // box of the starting points
   const double* last = nullptr;
+  const bool* turns = nullptr;  // joints that turn freely
   const double* coupling = nullptr;  // (axes, joints), or null where every joint moves its own axis
   // Starting points by their poses: twelve rows (position, rotation row-major) of `entries` numbers, page after page.
   const double* poses = nullptr;
   const double* starts = nullptr;  // (pages * entries, joints)
   std::size_t pages = 0, entries = 0;
   const double* steps = nullptr;  // (joints) of the sequence that goes on beyond the table
-  double length = 1;  // metres that count as a radian while searching
 };
 
 // How a target ended.
@@ -63,14 +63,12 @@ struct NumericResults {
   double* position_error;  // (targets, count) [m], over the chosen rows
   double* rotation_error;  // (targets, count) [rad]
   bool* valid;             // (targets, count)
+  bool* within_limits;     // (targets, count)
   double* nearest;         // (targets, n)
   double* nearest_position_error;
   double* nearest_rotation_error;
   signed char* status;  // (targets)
 };
-
-// The starting points of a chain, made once.
-class SearchTable;
 
 // `targets` (count, 4, 4); `seeds` (count, n) or null. Answers depend on nothing but their own target and seed.
 void solve_numeric(const Chain&, const double* targets, const double* seeds, std::size_t count, const TargetRows&,

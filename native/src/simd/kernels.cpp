@@ -3,6 +3,7 @@
 
 #include "simd/forward_kinematics.hpp"
 #include "simd/jacobian.hpp"
+#include "simd/numeric_ik.hpp"
 
 namespace {
 
@@ -171,5 +172,5 @@ bool all_finite(const double* numbers, std::size_t count) {
 namespace pieper {
 extern const Kernels PIEPER_JOIN(kernels_, PIEPER_ISA);
 const Kernels PIEPER_JOIN(kernels_, PIEPER_ISA){PIEPER_TEXT(PIEPER_ISA), lanes, poses, jacobians, manipulabilities,
-                                                pose_and_jacobian,       sincos_of, all_finite};
+                                                pose_and_jacobian,       sincos_of, all_finite, solve_numeric_target};
 }  // namespace pieper

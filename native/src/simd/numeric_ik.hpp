@@ -32,6 +32,22 @@ inline Vec square_root(Vec value) {
 #endif
 }
 
+inline bool get(IntVec mask, std::size_t l) {
+#if PIEPER_LANES > 1
+  return mask[l] != 0;
+#else
+  return (void)l, mask != 0;
+#endif
+}
+
+inline void set(IntVec& mask, std::size_t l, bool value) {
+#if PIEPER_LANES > 1
+  mask[l] = -static_cast<std::int64_t>(value);
+#else
+  (void)l, mask = -static_cast<std::int64_t>(value);
+#endif
+}
+
 inline Vec larger(Vec a, Vec b) { return select(a > b, a, b); }
 inline Vec smaller(Vec a, Vec b) { return select(a < b, a, b); }
 
@@ -40,7 +56,7 @@ struct Goal {
   double R[9], p[3];
   double position_axes[9], rotation_axes[9];  // columns are the axes that the rows are taken along, in the base frame
   bool turn_position, turn_rotation;          // false where they are the base axes
-  double weights[6];                          // search weights
+  double weights[6];
   double direction[3], tool_axis[3];          // RotationTarget::axis
   RotationTarget rotation;
   bool part_of_rotation;  // some but not all components of the rotation vector
@@ -54,12 +70,12 @@ struct Errors {
 
 using Columns = Vec[max_axes][6];
 
-inline Goal goal_of(const double* target, const TargetRows& rows, double length) {
+inline Goal goal_of(const double* target, const TargetRows& rows) {
   Goal goal{};
   for (int r = 0; r < 3; ++r) {
     for (int c = 0; c < 3; ++c) goal.R[3 * r + c] = target[4 * r + c];
     goal.p[r] = target[4 * r + 3];
-    goal.weights[r] = rows.weights[r] / length, goal.weights[r + 3] = rows.weights[r + 3];
+    goal.weights[r] = rows.weights[r], goal.weights[r + 3] = rows.weights[r + 3];
   }
   goal.rotation = rows.rotation;
   goal.turn_position = rows.position_in_tool;
@@ -266,15 +282,14 @@ inline void damped_step(const Columns& columns, std::size_t n, const Vec* e, Vec
 constexpr double least_damping = 1e-14;
 constexpr double longest_step = 1.0;  // rad or m, of one joint
 
-// q + step, shortened as a whole to the longest step allowed, and clamped to the box. Free joints stay within a turn.
-inline void move(const Folded& chain, const SearchSpace& space, const Vec* step, Vec* q) {
+// q + step, shortened as a whole to the longest step allowed, and clamped to the box.
+inline void move(const SearchSpace& space, const Vec* step, Vec* q) {
   const std::size_t n = space.joints;
   Vec longest = splat(longest_step);
   for (std::size_t i = 0; i < n; ++i) longest = larger(longest, magnitude(step[i]));
   const Vec scale = longest_step / longest;
   for (std::size_t i = 0; i < n; ++i)
     q[i] = larger(smaller(q[i] + scale * step[i], splat(space.upper[i])), splat(space.lower[i]));
-  (void)chain;
 }
 
 // Starting points for one target, in the order in which they are tried.
@@ -353,107 +368,165 @@ class Starts {
   std::size_t at_ = strata, page_ = 0, beyond_ = 0;
 };
 
+// One target. Every lane iterates from its own starting point and remembers the nearest it came.
 class NumericSolver {
  public:
   NumericSolver(const Folded& chain, const SearchSpace& space, const TargetRows& rows, const NumericOptions& options,
                 const double* target, const double* seed, NumericAnswer& answer)
-      : chain_(chain), space_(space), options_(options), answer_(answer), seeded_(seed != nullptr),
-        goal_(goal_of(target, rows, space.length)), starts_(space, goal_, seed),
+      : chain_(chain),
+        space_(space),
+        options_(options),
+        answer_(answer),
+        goal_(goal_of(target, rows)),
+        starts_(space, goal_, seed),
         position2_(options.position_tolerance * options.position_tolerance),
-        rotation2_(options.rotation_tolerance * options.rotation_tolerance) {}
+        rotation2_(options.rotation_tolerance * options.rotation_tolerance),
+        seed_alone_(seed != nullptr) {}
 
   void run() {
-    for (std::size_t l = 0; l < lanes; ++l) restart(l);
+    restart(0);  // a given seed is tried alone, so that a solution near it wins
+    if (!seed_alone_) fill_lanes();
     while (living_ > 0 && answer_.found < options_.count) {
       const Errors errors = evaluate(chain_, space_, goal_, q_, columns_);
       ++answer_.steps;
-      const IntVec arrived = (errors.position2 <= position2_) & (errors.rotation2 <= rotation2_);
-      if (any(arrived)) collect(arrived);
-      judge(errors, arrived);
+      const IntVec leave = judge(errors);
       hold_at_limits(space_, q_, errors, columns_);
       Vec step[max_axes];
       damped_step(columns_, space_.joints, errors.rows, damping_factor * errors.cost + least_damping, step);
-      move(chain_, space_, step, q_);
-      if (!any(renew_)) continue;
-      for (std::size_t l = 0; l < lanes; ++l)
-        if (lane_of(renew_, l)) restart(l);
+      move(space_, step, q_);
+      if (any(leave)) replace(leave);
     }
+    if (answer_.found == 0) settle();
   }
-
-  static constexpr double damping_factor = 1.0;
 
  private:
-  static bool lane_of(IntVec mask, std::size_t l) {
-#if PIEPER_LANES > 1
-    return mask[l] != 0;
-#else
-    (void)l;
-    return mask != 0;
-#endif
-  }
-  static void set_lane(IntVec& mask, std::size_t l, bool value) {
-#if PIEPER_LANES > 1
-    mask[l] = value ? -1 : 0;
-#else
-    (void)l;
-    mask = value ? -1 : 0;
-#endif
-  }
-
   // Gives a lane its next starting point, or lets it idle when there are none left.
   void restart(std::size_t l) {
-    if (answer_.starts < options_.restarts) {
-      if (!lane_of(alive_, l)) ++living_;
-      starts_.next(l, q_);
-      ++answer_.starts;
-      set_lane(alive_, l, true);
-    } else if (lane_of(alive_, l)) {
-      --living_;
-      set_lane(alive_, l, false);
-    }
-    lane(age_, l) = 0, lane(slow_, l) = 0, lane(last_, l) = 1e300;
+    const bool start = answer_.starts < options_.restarts;
+    if (start) starts_.next(l, q_), ++answer_.starts;
+    if (start && !get(alive_, l)) ++living_;
+    if (!start && get(alive_, l)) --living_;
+    set(alive_, l, start), set(arrived_, l, false);
+    lane(age_, l) = lane(slow_, l) = 0, lane(mark_, l) = lane(best_cost_, l) = 1e300;
   }
 
-  // Lanes that no longer get nearer, or have had their time, are to be renewed.
-  void judge(const Errors& errors, IntVec arrived) {
-    const IntVec got_nearer = errors.cost < 0.5 * last_;
-    slow_ = select(got_nearer, splat(0.0), slow_ + 1.0);
-    last_ = select(got_nearer, errors.cost, last_);
+  void fill_lanes() {
+    seed_alone_ = false;
+    for (std::size_t l = 0; l < lanes; ++l)
+      if (!get(alive_, l)) restart(l);
+  }
+
+  // Keeps the books, and tells the lanes that are done: those that have arrived and made one more step to take the last
+  // digits along, those that no longer get nearer, and those that have had their time.
+  IntVec judge(const Errors& errors) {
+    const IntVec meets = (errors.position2 <= position2_) & (errors.rotation2 <= rotation2_);
+    const IntVec better = (meets & ~arrived_) | ((errors.cost < best_cost_) & (meets | ~arrived_));
+    best_cost_ = select(better, errors.cost, best_cost_);
+    for (std::size_t i = 0; i < space_.joints; ++i) best_[i] = select(better, q_[i], best_[i]);
+
+    const IntVec nearer = errors.cost < worth_going_on * mark_;
+    mark_ = select(nearer, errors.cost, mark_);
+    slow_ = select(nearer, splat(0.0), slow_ + 1.0);
     age_ += 1.0;
     const IntVec stuck = (slow_ >= patience) | (age_ >= static_cast<double>(options_.iterations));
-    renew_ = arrived | (stuck & alive_);
+    const IntVec done = arrived_;
+    arrived_ |= meets;
+    return alive_ & (done | (stuck & ~arrived_));
   }
-  static constexpr double patience = 5;
 
-  void collect(IntVec arrived) {
-    const std::size_t n = space_.joints;
-    for (std::size_t l = 0; l < lanes && answer_.found < options_.count; ++l) {
-      if (!lane_of(arrived & alive_, l)) continue;
-      double* to = answer_.solutions + answer_.found * n;
-      for (std::size_t i = 0; i < n; ++i) to[i] = lane(q_[i], l);
-      ++answer_.found;
+  void replace(IntVec leave) {
+    for (std::size_t l = 0; l < lanes; ++l) {
+      if (!get(leave, l)) continue;
+      if (get(arrived_, l)) {
+        collect(l);
+      } else if (answer_.found == 0 && lane(best_cost_, l) < nearest_cost_) {
+        nearest_cost_ = lane(best_cost_, l);
+        for (std::size_t i = 0; i < space_.joints; ++i) answer_.nearest[i] = lane(best_[i], l);
+      }
+      if (answer_.found == options_.count) return;
+      restart(l);
     }
+    if (seed_alone_) fill_lanes();
   }
+
+  // Takes the solution of a lane unless it is already there.
+  void collect(std::size_t l) {
+    const std::size_t n = space_.joints;
+    for (std::size_t s = 0; s < answer_.found; ++s) {
+      double farthest = 0;
+      for (std::size_t i = 0; i < n; ++i) {
+        double difference = std::fabs(lane(best_[i], l) - answer_.solutions[s * n + i]);
+        if (space_.turns[i]) difference = std::fabs(std::remainder(difference, 6.283185307179586));
+        if (difference > farthest) farthest = difference;
+      }
+      if (farthest <= options_.distinct) return;
+    }
+    double* to = answer_.solutions + answer_.found * n;
+    for (std::size_t i = 0; i < n; ++i) to[i] = lane(best_[i], l);
+    ++answer_.found;
+  }
+
+  // Goes on from the nearest point that was found until it gets no nearer. Each lane tries another damping, a factor of
+  // eight apart, and the best of them is taken.
+  void settle() {
+    const std::size_t n = space_.joints;
+    Vec ladder = splat(1.0);
+    for (std::size_t l = 0; l < lanes; ++l)
+      for (std::size_t k = 0; k < l; ++k) lane(ladder, l) *= 0.125;
+    double best[max_axes], cost = nearest_cost_, damping = cost;
+    for (std::size_t i = 0; i < n; ++i) best[i] = answer_.nearest[i], q_[i] = splat(best[i]);
+    std::size_t idle = 0;
+    for (int k = 0; k < settle_steps && idle < 4; ++k) {
+      const Errors here = evaluate(chain_, space_, goal_, q_, columns_);
+      hold_at_limits(space_, q_, here, columns_);
+      Vec step[max_axes], tried[max_axes];
+      damped_step(columns_, n, here.rows, damping * ladder + least_damping, step);
+      for (std::size_t i = 0; i < n; ++i) tried[i] = q_[i];
+      move(space_, step, tried);
+      Vec costs = evaluate(chain_, space_, goal_, tried, columns_).cost;
+      answer_.steps += 2;
+      std::size_t winner = 0;
+      for (std::size_t l = 1; l < lanes; ++l)
+        if (lane(costs, l) < lane(costs, winner)) winner = l;
+      const double reached = lane(costs, winner);
+      idle = reached < cost * (1 - 1e-13) ? 0 : idle + 1;
+      if (reached < cost) {
+        cost = reached;
+        for (std::size_t i = 0; i < n; ++i) best[i] = lane(tried[i], winner), q_[i] = splat(best[i]);
+        damping *= lane(ladder, winner) * (lanes > 1 ? 8 : 0.25);
+      } else {
+        damping *= 32;
+      }
+    }
+    for (std::size_t i = 0; i < n; ++i) answer_.nearest[i] = best[i];
+    answer_.status = idle > 0 ? NumericStatus::unreachable : NumericStatus::not_converged;
+  }
+
+  static constexpr double damping_factor = 0.2;
+  static constexpr double worth_going_on = 0.5;  // of the squared error that was left
+  static constexpr double patience = 5;          // steps that may go by without it
+  static constexpr int settle_steps = 200;
 
   const Folded& chain_;
   const SearchSpace& space_;
   const NumericOptions& options_;
   NumericAnswer& answer_;
-  const bool seeded_;
   const Goal goal_;
   Starts starts_;
   const double position2_, rotation2_;
-  Vec q_[max_axes];
+  bool seed_alone_;
+  Vec q_[max_axes]{}, best_[max_axes]{};
   Columns columns_;
-  Vec age_{}, slow_{}, last_{};
-  IntVec alive_{}, renew_{};
+  Vec age_{}, slow_{}, mark_{}, best_cost_{};
+  IntVec alive_{}, arrived_{};
   std::size_t living_ = 0;
+  double nearest_cost_ = 1e300;
 };
 
 void solve_numeric_target(const Folded& chain, const SearchSpace& space, const TargetRows& rows,
                           const NumericOptions& options, const double* target, const double* seed, NumericAnswer& answer) {
   NumericSolver(chain, space, rows, options, target, seed, answer).run();
-  answer.status = answer.found ? NumericStatus::reached : NumericStatus::not_converged;
+  if (answer.found > 0) answer.status = NumericStatus::reached;
 }
 
 }  // namespace
