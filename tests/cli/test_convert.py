@@ -83,3 +83,19 @@ def test_limits_survive(pieper_command, tmp_path) -> None:
         joints = pieper_command("info", file, "--json").json["joints"]
         assert joints == pieper_command("info", "gen3", "--json").json["joints"]
         assert None in [joint["lower"] for joint in json.loads(json.dumps(joints))]
+
+
+def test_formulas(pieper_command, tmp_path) -> None:
+    from pieper.model import symbolic
+
+    arm = pieper.load("youbot")
+    file = tmp_path / "T.yaml"
+    assert pieper_command("convert", "youbot", "--to", "sympy", "--out", file).code == 0
+    q = np.array([0.1, -0.2, 0.3, -0.4, 0.5])
+    np.testing.assert_allclose(symbolic.load(file, joint_names=arm.joint_names)(q), arm.fk(q), atol=SAME)
+    assert "\\cos" in pieper_command("convert", "youbot", "--to", "latex").out
+    assert "cos(" in pieper_command("convert", "youbot", "--to", "c").out
+    namespace: dict = {}
+    exec(pieper_command("convert", "youbot", "--to", "python").out, namespace)
+    np.testing.assert_allclose(np.array(namespace["forward_kinematics"](q)).reshape(4, 4), arm.fk(q), atol=SAME)
+    assert pieper_command("convert", "youbot", "--to", "c", "--json").json["format"] == "c"

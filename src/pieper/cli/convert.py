@@ -70,10 +70,12 @@ def _text(robot: Arm, to: Format) -> str:
         return as_urdf(chain)
     from pieper.model import symbolic
 
-    T = symbolic.from_chain(chain)
+    T = symbolic.end_effector(chain)
     if to is Format.SYMPY:
         return symbolic.as_yaml(T)
-    return {Format.LATEX: symbolic.as_latex, Format.C: symbolic.as_c, Format.PYTHON: symbolic.as_python}[to](T)
+    if to is Format.LATEX:
+        return symbolic.as_latex(T)
+    return symbolic.as_c(T) if to is Format.C else symbolic.as_python(T)
 
 
 def _json(robot: Arm, to: Format) -> str:
