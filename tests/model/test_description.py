@@ -288,7 +288,8 @@ def test_ends_named_by_the_description():
     robot = tree(text, base="a1", tip="a5")
     assert repr(robot.chain()) == "Chain('robot', 4 joints, 'a1' -> 'a5')"
     assert robot.chain(tip="tool0").base == "a1"
-    assert robot.chain(base="root").tip == "tool0"
+    assert robot.chain(base="root").tip == "a5"
+    assert robot.chain(base="a5").tip == "tool0"
 
 
 # --- what a chain holds

@@ -422,8 +422,7 @@ class Description:
         if tip is not None:
             self._require_link(tip)
         else:
-            # the description's own tip belongs to its own base
-            tip = self.tip if self.tip is not None and base in (None, self.base) else self._default_tip(base)
+            tip = self.tip if self.tip is not None and self.tip != base else self._default_tip(base)
         start = base if base is not None else (self.base if self.base is not None else self.root)
         return self._chain_along(start, tip)
 
