@@ -46,7 +46,7 @@ CONVENTIONS: tuple[str, ...] = get_args(Convention)
 JOINT_TYPES: tuple[str, ...] = get_args(JointType)
 
 _NEARLY_PARALLEL = 0.1  # sine below which rows for parallel axes are considered: their factor is then below 1.006
-_WARN_ABOVE = 1e3  # amplification at which a table can no longer keep 1e-12
+_WARN_ABOVE = 1e2  # amplification at which a table can no longer keep 1e-12
 _TIDY = 2e-15  # rounding left by poses of a few metres: closer numbers are taken for 0 or a quarter turn
 _ROTATION_TOLERANCE = 1e-9  # as for Chain
 
@@ -730,7 +730,7 @@ def as_dh(chain: Chain, *, convention: Convention = "standard", signs: Sequence[
     -------
     DhTable
         Its chain, ``from_dh(as_dh(chain))``, has the screws and the home pose of ``chain``: within 1e-12 while
-        ``amplification`` stays below 1000, else within ``1e-14 * sum(amplification)`` radians, and metres per metre of
+        ``amplification`` stays below 100, else within ``1e-14 * sum(amplification)`` radians, and metres per metre of
         reach.
 
     Raises
@@ -743,7 +743,7 @@ def as_dh(chain: Chain, *, convention: Convention = "standard", signs: Sequence[
     Warns
     -----
     PieperWarning
-        Neighbouring axes are so nearly parallel that the table loses more than three digits; the message names them and
+        Neighbouring axes are so nearly parallel that the table may miss 1e-12; the message names them and
         the factor. ``convention="hayati"`` does not.
 
     Notes

@@ -1,0 +1,667 @@
+"""The pose of the tip as formulas: SymPy expressions of the joint values, as YAML, LaTeX, C and Python.
+
+The matrix is the product of the rows of a Hayati table (see `pieper.model.dh`), which stays accurate for every arm; turns
+about parallel axes are added up, so that ``cos(q2 + q3)`` stays one cosine. Numbers that are exact in the arm stay exact:
+quarter turns and other multiples of pi/12 give integers and square roots, short decimals become fractions. A number that
+is only close to such a value, for example the 1.5708 of some descriptions, stays the decimal number that it is.
+
+SymPy and PyYAML come with the extra ``pieper[symbolic]`` and are imported inside the functions. Formulas are read back by a
+small parser that knows numbers, ``+ - * / **``, ``sin``, ``cos``, ``sqrt``, ``pi`` and the joints; nothing is evaluated as code.
+"""
+
+from __future__ import annotations
+
+import keyword
+import re
+import reprlib
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from math import cos, isfinite, pi, sin
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pieper.errors import ArrayError, DescriptionError, MissingExtraError, unknown_name
+from pieper.model.dh import as_dh
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from pieper.model.chain import Chain
+
+FloatArray = NDArray[np.float64]
+
+_ULPS = 4  # a home pose is a product of poses: its numbers carry this much rounding
+_MAX_BYTES = 4 << 20  # of a file: the seven joints of a Panda with offsets need 30 kB
+_MAX_DEPTH = 100  # of nested brackets
+_MAX_EXPONENT = 64
+_RESERVED = frozenset({"sin", "cos", "sqrt", "pi"})
+_IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+@dataclass(frozen=True, eq=False)
+class SymbolicPose:
+    """A pose as formulas.
+
+    Attributes
+    ----------
+    matrix : sympy.ImmutableMatrix
+        (4, 4), tip in the base frame [m, -]; its free symbols are among ``symbols``.
+    joint_names : tuple of n str
+        In the order of ``q``.
+    symbols : tuple of n str
+        Name of the symbol of each joint [rad or m]: the joint name where that is an identifier, else ``q1``, ``q2``, ...
+    """
+
+    matrix: Any
+    joint_names: tuple[str, ...]
+    symbols: tuple[str, ...]
+
+    def __call__(self, q: ArrayLike) -> FloatArray:
+        """Numbers for the joints: (..., n) -> (..., 4, 4). For speed take `pieper.kinematics.fk`.
+
+        >>> from pieper.model.catalog import describe
+        >>> T = end_effector(describe("ur5e", nominal=True).chain())
+        >>> T([-1.28, 4.41, 1.54, -1.16, -1.56, 0.0])[:3, 3].round(6).tolist()
+        [0.224996, -0.28312, 0.589463]
+        """
+        try:
+            values = np.asarray(q, dtype=np.float64)
+        except (TypeError, ValueError) as cause:
+            raise ArrayError(f"q must be numbers of shape (..., {len(self.symbols)}), got {q!r}") from cause
+        if values.ndim == 0 or values.shape[-1] != len(self.symbols):
+            raise ArrayError(f"q must have shape (..., {len(self.symbols)}), got {values.shape}")
+        shape = values.shape[:-1]
+        T = np.empty((*shape, 4, 4))
+        for k, element in enumerate(self._compiled(*np.moveaxis(values, -1, 0))):
+            T[..., k // 4, k % 4] = element
+        return T
+
+    @cached_property
+    def _compiled(self) -> Callable[..., list[Any]]:
+        """The sixteen elements as NumPy functions of the joints."""
+        sympy = _sympy("evaluating formulas")
+        arguments = [sympy.Symbol(name) for name in self.symbols]
+        compiled: Callable[..., list[Any]] = sympy.lambdify(arguments, list(self.matrix), modules="numpy", cse=True)
+        return compiled
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {key: value for key, value in self.__dict__.items() if key != "_compiled"}
+
+    def __repr__(self) -> str:
+        return f"SymbolicPose({', '.join(self.symbols)})"
+
+
+def end_effector(chain: Chain) -> SymbolicPose:
+    """The pose of the tip as formulas of the joint values.
+
+    Parameters
+    ----------
+    chain : Chain
+        With nominal angles, ``describe(name, nominal=True).chain()``, the formulas are short and exact.
+
+    Returns
+    -------
+    SymbolicPose
+        Evaluated, it equals the numeric forward kinematics to 1e-12 [m, -].
+
+    Raises
+    ------
+    MissingExtraError
+        SymPy is not installed.
+
+    Examples
+    --------
+    >>> from pieper.model.dh import from_dh
+    >>> planar = from_dh([(0.3, 0.0, 0.0, 0.0), (0.25, 0.0, 0.0, 0.0)], joint_names=["a", "b"])
+    >>> end_effector(planar).matrix[0, 3]
+    3*cos(a)/10 + cos(a + b)/4
+    """
+    sympy = _sympy("formulas of the forward kinematics")
+    symbols = _symbol_names(chain.joint_names)
+    q = [sympy.Symbol(name) for name in symbols]
+    table = as_dh(chain, convention="hayati")
+    product = _Product(sympy, table.T_base)
+    axis = 0
+    for row in table.rows:
+        theta, d = _angle(sympy, row.theta), _length(sympy, row.d)
+        if row.type != "fixed":
+            value = sum(
+                (_length(sympy, factor) * q[j] for j, factor in enumerate(chain.coupling[axis]) if factor), sympy.S.Zero
+            )
+            axis += 1
+            if row.type == "revolute":
+                theta += row.sign * value
+            else:
+                d += row.sign * value
+        product.turn_z(theta)
+        product.move(0, 0, d)
+        product.move(_length(sympy, row.a), 0, 0)
+        product.tilt(row.alpha, row.beta)
+    product.then(table.T_tool)
+    return SymbolicPose(sympy.ImmutableMatrix(product.matrix()), chain.joint_names, symbols)
+
+
+class _Product:
+    """A product of poses in which turns about one z axis are collected before they are multiplied out."""
+
+    def __init__(self, sympy: Any, T: FloatArray) -> None:
+        self.sympy = sympy
+        self.done = self._exact(T)
+        self.angle = sympy.S.Zero
+        self.place = sympy.zeros(3, 1)
+
+    def _exact(self, T: FloatArray) -> Any:
+        return self.sympy.Matrix(4, 4, [_entry(self.sympy, float(value)) for value in T.ravel()])
+
+    def turn_z(self, angle: Any) -> None:
+        self.angle += angle
+
+    def move(self, x: Any, y: Any, z: Any) -> None:
+        c, s = self.sympy.cos(self.angle), self.sympy.sin(self.angle)
+        self.place += self.sympy.Matrix([c * x - s * y, s * x + c * y, z])
+
+    def tilt(self, alpha: float, beta: float) -> None:
+        if alpha == 0.0 and beta == 0.0:
+            return
+        sa, ca = _sin_cos(self.sympy, alpha)
+        sb, cb = _sin_cos(self.sympy, beta)
+        rows = [[cb, 0, sb, 0], [sa * sb, ca, -sa * cb, 0], [-ca * sb, sa, ca * cb, 0], [0, 0, 0, 1]]
+        self._multiply(self.sympy.Matrix(rows))
+
+    def then(self, T: FloatArray) -> None:
+        self._multiply(self._exact(T))
+
+    def _multiply(self, X: Any) -> None:
+        c, s = self.sympy.cos(self.angle), self.sympy.sin(self.angle)
+        x, y, z = self.place
+        self.done = self.done * self.sympy.Matrix([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, z], [0, 0, 0, 1]]) * X
+        self.angle, self.place = self.sympy.S.Zero, self.sympy.zeros(3, 1)
+
+    def matrix(self) -> Any:
+        return self.done
+
+
+# --------------------------------------------------------------------------------------------------------------------
+# exact numbers
+
+
+def _entry(sympy: Any, value: float) -> Any:
+    """An entry of a constant pose: a short decimal, or the sine of a multiple of pi/12."""
+    for k in range(7):
+        exact = sin(k * pi / 12.0)
+        if abs(abs(value) - exact) <= _ULPS * np.spacing(max(exact, 0.25)):
+            return sympy.sign(sympy.Integer(1 if value >= 0.0 else -1)) * sympy.sin(k * sympy.pi / 12)
+    return _length(sympy, value)
+
+
+def _length(sympy: Any, value: float) -> Any:
+    """A number: the fraction that a decimal of up to nine places means, else the double itself."""
+    value = float(value)
+    decimal = round(value, 9)
+    if abs(value - decimal) <= _ULPS * np.spacing(abs(value)) or abs(value) < np.spacing(1.0):
+        fraction = Fraction(repr(decimal))
+        return sympy.Rational(fraction.numerator, fraction.denominator)
+    return _float(sympy, value)
+
+
+def _angle(sympy: Any, value: float) -> Any:
+    """An angle: the multiple of pi/12 that it is, else the double itself."""
+    twelfths = round(value / (pi / 12.0))
+    if abs(value - twelfths * (pi / 12.0)) <= _ULPS * np.spacing(abs(value)):
+        return twelfths * sympy.pi / 12
+    return _float(sympy, value)
+
+
+def _sin_cos(sympy: Any, value: float) -> tuple[Any, Any]:
+    angle = _angle(sympy, value)
+    if angle.has(sympy.pi) or angle == 0:
+        return sympy.sin(angle), sympy.cos(angle)
+    return _float(sympy, sin(value)), _float(sympy, cos(value))
+
+
+def _float(sympy: Any, value: float) -> Any:
+    return sympy.Float(repr(float(value)), 17)
+
+
+def _symbol_names(joint_names: Sequence[str]) -> tuple[str, ...]:
+    def usable(name: str) -> bool:
+        return bool(_IDENTIFIER.fullmatch(name)) and name not in _RESERVED and not keyword.iskeyword(name)
+
+    if all(usable(name) for name in joint_names):
+        return tuple(joint_names)
+    return tuple(f"q{i + 1}" for i in range(len(joint_names)))
+
+
+# --------------------------------------------------------------------------------------------------------------------
+# YAML
+
+
+def as_yaml(pose: SymbolicPose) -> str:
+    """The formulas as YAML with the keys ``shape`` ([4, 4]), ``elements`` (16 strings, row by row) and ``joints``.
+
+    Raises
+    ------
+    MissingExtraError
+        PyYAML is not installed.
+
+    Examples
+    --------
+    >>> from pieper.model.dh import from_dh
+    >>> text = as_yaml(end_effector(from_dh([(0.3, 0.0, 0.0, 0.0)], joint_names=["a"])))
+    >>> print(text.splitlines()[0])
+    shape: [4, 4]
+    """
+    yaml = _yaml("writing formulas as YAML")
+    sympy = _sympy("writing formulas as YAML")
+    elements = [sympy.sstr(element, full_prec=True) for element in pose.matrix]
+    data: dict[str, Any] = {"elements": elements, "joints": list(pose.joint_names)}
+    if pose.symbols != pose.joint_names:
+        data["symbols"] = list(pose.symbols)
+    text: str = yaml.safe_dump(data, sort_keys=False, width=1_000_000, allow_unicode=True)
+    return "shape: [4, 4]\n" + text
+
+
+def from_yaml(text: str, *, joint_names: Sequence[str] | None = None, source: str = "<string>") -> SymbolicPose:
+    r"""Formulas from YAML, read without evaluating anything as code.
+
+    Parameters
+    ----------
+    text : str
+        With the keys ``shape`` and ``elements``, and ``joints`` unless `joint_names` is given.
+    joint_names : sequence of n str, optional
+        The joints in the order of ``q``; needed for files that do not list them. Names that occur in no element are fine.
+    source : str
+        Named in error messages.
+
+    Returns
+    -------
+    SymbolicPose
+
+    Raises
+    ------
+    DescriptionError
+        Not YAML of that form, or an element is not a formula; the message names the element and the place in it.
+    MissingExtraError
+        SymPy or PyYAML is not installed.
+
+    Examples
+    --------
+    >>> rows = "['cos(a)', '-sin(a)', '0', '1/2', 'sin(a)', 'cos(a)', '0', '0', '0', '0', '1', '0', '0', '0', '0', '1']"
+    >>> from_yaml(f"shape: [4, 4]\nelements: {rows}", joint_names=["a"])([0.0])[:3, 3].tolist()
+    [0.5, 0.0, 0.0]
+    """
+    yaml = _yaml("reading formulas")
+    sympy = _sympy("reading formulas")
+    if len(text) > _MAX_BYTES:
+        raise DescriptionError(source, "file", f"has {len(text)} characters; at most {_MAX_BYTES} are read")
+    try:
+        data = yaml.safe_load(text)
+    except (yaml.YAMLError, RecursionError) as cause:
+        raise DescriptionError(source, "file", f"is not YAML: {' '.join(str(cause).split())}") from cause
+    if not isinstance(data, dict):
+        raise DescriptionError(source, "file", f"needs the keys shape and elements, got {type(data).__name__}")
+    for key in ("shape", "elements"):
+        if key not in data:
+            raise DescriptionError(source, key, "is missing; the keys shape and elements are needed")
+    if data["shape"] != [4, 4]:
+        raise DescriptionError(source, "shape", f"must be [4, 4], got {reprlib.repr(data['shape'])}")
+    elements = data["elements"]
+    if not isinstance(elements, list) or len(elements) != 16 or not all(isinstance(e, str) for e in elements):
+        raise DescriptionError(source, "elements", "must be a list of 16 strings, row by row")
+    names, symbols = _listed_joints(data, joint_names, source)
+    matrix = [_Parser(sympy, element, symbols, source, f"elements[{k}]").parse() for k, element in enumerate(elements)]
+    return SymbolicPose(sympy.ImmutableMatrix(4, 4, matrix), names, symbols)
+
+
+def _listed_joints(
+    data: dict[str, Any], joint_names: Sequence[str] | None, source: str
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    listed = data.get("joints") if joint_names is None else list(joint_names)
+    if listed is None:
+        raise DescriptionError(source, "joints", "is missing; list the joints there, or pass joint_names")
+    symbols = listed if joint_names is not None else data.get("symbols", listed)
+    for key, value in (("joints", listed), ("symbols", symbols)):
+        if not isinstance(value, list) or not all(isinstance(v, str) for v in value) or len(set(value)) != len(value):
+            raise DescriptionError(source, key, f"must be a list of different names, got {reprlib.repr(value)}")
+    if len(symbols) != len(listed):
+        raise DescriptionError(source, "symbols", f"must name {len(listed)} joints, got {len(symbols)}")
+    for name in symbols:
+        if not _IDENTIFIER.fullmatch(name) or name in _RESERVED:
+            raise DescriptionError(source, "joints", f"{name!r} cannot name a symbol: letters, digits and _ are needed")
+    return tuple(listed), tuple(symbols)
+
+
+def save(pose: SymbolicPose, path: str | Path) -> None:
+    """Write the formulas to a YAML file, see `as_yaml`."""
+    Path(path).write_text(as_yaml(pose), encoding="utf-8")
+
+
+def load(path: str | Path, *, joint_names: Sequence[str] | None = None) -> SymbolicPose:
+    """Read formulas from a YAML file, see `from_yaml`.
+
+    Raises
+    ------
+    DescriptionError
+        The file is missing, too large, not YAML of that form, or an element is not a formula.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            content = file.read(_MAX_BYTES + 1)
+        text = content.decode("utf-8")
+    except (OSError, UnicodeDecodeError) as cause:
+        raise DescriptionError(str(path), "file", f"cannot be read: {cause}") from cause
+    return from_yaml(text, joint_names=joint_names, source=str(path))
+
+
+_TOKEN = re.compile(
+    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[A-Za-z_]\w*)|(?P<sign>\*\*|[-+*/()]))", re.ASCII
+)
+
+
+class _Parser:
+    """Recursive descent over numbers, + - * / **, brackets, sin, cos, sqrt, pi and the joints."""
+
+    def __init__(self, sympy: Any, text: str, symbols: Sequence[str], source: str, element: str) -> None:
+        self.sympy, self.text, self.source, self.element = sympy, text, source, element
+        self.symbols = {name: sympy.Symbol(name) for name in symbols}
+        self.depth = 0
+        self.tokens = self._tokens()
+        self.at = 0
+
+    def _fault(self, reason: str, place: int) -> DescriptionError:
+        return DescriptionError(self.source, self.element, f"{reason} at character {place + 1} of {self._shown(place)}")
+
+    def _shown(self, place: int) -> str:
+        start = max(0, place - 20)
+        return repr(
+            ("..." if start else "") + self.text[start : place + 20] + ("..." if place + 20 < len(self.text) else "")
+        )
+
+    def _tokens(self) -> list[tuple[str, str, int]]:
+        tokens, end, text = [], 0, self.text.rstrip()
+        while end < len(text):
+            match = _TOKEN.match(text, end)
+            if match is None:
+                place = end + len(text[end:]) - len(text[end:].lstrip())
+                raise self._fault(
+                    f"{text[place]!r} is not allowed; only numbers, + - * / **, brackets, sin, cos, sqrt, pi and joints are",
+                    place,
+                )
+            kind = str(match.lastgroup)
+            tokens.append((kind, match[kind], match.start(kind)))
+            end = match.end()
+        tokens.append(("end", "the end", len(text)))
+        return tokens
+
+    def _peek(self) -> str:
+        kind, value, _ = self.tokens[self.at]
+        return value if kind == "sign" else kind
+
+    def _take(self) -> tuple[str, str, int]:
+        token = self.tokens[self.at]
+        self.at += 1
+        return token
+
+    def parse(self) -> Any:
+        """The expression; anything that is not a formula of real numbers is refused."""
+        try:
+            value = self._sum()
+        except RecursionError:
+            raise self._fault("brackets are nested too deep", self.tokens[self.at][2]) from None
+        if self._peek() != "end":
+            _, token, place = self.tokens[self.at]
+            raise self._fault(f"expected an operator, got {token!r}", place)
+        if value.has(self.sympy.I, self.sympy.nan, self.sympy.oo, self.sympy.zoo):
+            raise self._fault("the value is not a real number", 0)
+        return value
+
+    def _sum(self) -> Any:
+        self.depth += 1
+        if self.depth > _MAX_DEPTH:
+            raise self._fault(f"brackets are nested more than {_MAX_DEPTH} deep", self.tokens[self.at][2])
+        terms = [self._product()]
+        while self._peek() in ("+", "-"):
+            _, sign, _ = self._take()
+            term = self._product()
+            terms.append(term if sign == "+" else -term)
+        self.depth -= 1
+        return self.sympy.Add(*terms)
+
+    def _product(self) -> Any:
+        factors = [self._signed()]
+        while self._peek() in ("*", "/"):
+            _, sign, place = self._take()
+            factor = self._signed()
+            if sign == "/":
+                if factor == 0:
+                    raise self._fault("division by zero", place)
+                factor = self.sympy.Pow(factor, -1)
+            factors.append(factor)
+        return self.sympy.Mul(*factors)
+
+    def _signed(self) -> Any:
+        negative = False
+        while self._peek() in ("+", "-"):
+            negative ^= self._take()[1] == "-"
+        value = self._power()
+        return -value if negative else value
+
+    def _power(self) -> Any:
+        base = self._atom()
+        if self._peek() != "**":
+            return base
+        _, _, place = self._take()
+        negative = False
+        while self._peek() in ("+", "-"):
+            negative ^= self._take()[1] == "-"
+        exponent = self._atom()
+        if self._peek() == "**":
+            raise self._fault("powers of powers need brackets", self.tokens[self.at][2])
+        if not exponent.is_Rational or abs(exponent) > _MAX_EXPONENT or exponent.q > 2:
+            raise self._fault(f"the exponent must be a whole or half number up to {_MAX_EXPONENT}", place)
+        exponent = -exponent if negative else exponent
+        if base == 0 and exponent <= 0:
+            raise self._fault("zero to a power that is not positive", place)
+        if base.is_number and base.is_Rational and max(abs(base.p), base.q) > 10**40:
+            raise self._fault("the number is too large for a power", place)
+        return self.sympy.Pow(base, exponent)
+
+    def _atom(self) -> Any:
+        kind, token, place = self._take()
+        if kind == "number":
+            return self._number(token, place)
+        if kind == "sign" and token == "(":
+            value = self._sum()
+            self._close()
+            return value
+        if kind == "name":
+            if self._peek() == "(":
+                if token not in ("sin", "cos", "sqrt"):
+                    raise self._fault(f"{token!r} is no function here; sin, cos and sqrt are", place)
+                self._take()
+                value = self._sum()
+                self._close()
+                return getattr(self.sympy, token)(value)
+            if token == "pi":
+                return self.sympy.pi
+            if token in self.symbols:
+                return self.symbols[token]
+            if token in _RESERVED:
+                raise self._fault(f"{token!r} needs brackets", place)
+            raise self._fault(str(unknown_name("joint", token, self.symbols)), place)
+        raise self._fault(f"expected a number, a joint or a bracket, got {token!r}", place)
+
+    def _close(self) -> None:
+        kind, token, place = self._take()
+        if kind != "sign" or token != ")":
+            raise self._fault(f"expected ')', got {token!r}", place)
+
+    def _number(self, token: str, place: int) -> Any:
+        if len(token) > 60 or not isfinite(float(token)):
+            raise self._fault("the number is too long or too large", place)
+        if token.isdigit():
+            return self.sympy.Integer(token)
+        return self.sympy.Float(token, 17)
+
+
+# --------------------------------------------------------------------------------------------------------------------
+# LaTeX and code
+
+
+def as_latex(pose: SymbolicPose, *, symbols: Sequence[str] | None = None) -> str:
+    r"""The matrix in LaTeX.
+
+    Parameters
+    ----------
+    pose : SymbolicPose
+    symbols : sequence of n str, optional
+        LaTeX of each joint value; ``q_{1}``, ``q_{2}``, ... unless given.
+
+    Returns
+    -------
+    str
+        A ``bmatrix``, without dollar signs.
+
+    Raises
+    ------
+    ArrayError
+        ``symbols`` has another length.
+    MissingExtraError
+        SymPy is not installed.
+
+    Examples
+    --------
+    >>> from pieper.model.dh import from_dh
+    >>> pose = end_effector(from_dh([(0.5, 0.0, 0.0, 0.0)]))
+    >>> as_latex(pose, symbols=[r"\theta"]).splitlines()[1]
+    '\\cos{\\left(\\theta \\right)} & - \\sin{\\left(\\theta \\right)} & 0 & \\frac{\\cos{\\left(\\theta \\right)}}{2} \\\\'
+    """
+    sympy = _sympy("formulas in LaTeX")
+    shown = [f"q_{{{i + 1}}}" for i in range(len(pose.symbols))] if symbols is None else list(symbols)
+    if len(shown) != len(pose.symbols):
+        raise ArrayError(f"symbols must name {len(pose.symbols)} joints, got {len(shown)}")
+    names = {sympy.Symbol(name): text for name, text in zip(pose.symbols, shown, strict=True)}
+    rows = [" & ".join(sympy.latex(pose.matrix[i, j], symbol_names=names) for j in range(4)) + r" \\" for i in range(4)]
+    return "\n".join([r"\begin{bmatrix}", *rows, r"\end{bmatrix}"])
+
+
+def as_c(pose: SymbolicPose, *, name: str = "forward_kinematics") -> str:
+    """A C99 function ``void name(const double q[n], double T[16])``; T is row by row.
+
+    Parameters
+    ----------
+    pose : SymbolicPose
+    name : str
+        Name of the function.
+
+    Returns
+    -------
+    str
+        With common sub-expressions taken out; needs ``math.h`` alone.
+
+    Raises
+    ------
+    ArrayError
+        ``name`` is no identifier.
+    MissingExtraError
+        SymPy is not installed.
+
+    Examples
+    --------
+    >>> from pieper.model.dh import from_dh
+    >>> print(as_c(end_effector(from_dh([(0.5, 0.0, 0.0, 0.0)])), name="fk").splitlines()[3])
+    void fk(const double q[1], double T[16])
+    """
+    sympy = _sympy("formulas as C code")
+    steps, elements = _steps(sympy, pose, name)
+    lines = ["#include <math.h>", "", f"/* Pose of the tip in the base frame, row by row; q: {_listed(pose)}. */"]
+    lines += [f"void {name}(const double q[{max(1, len(pose.symbols))}], double T[16])", "{"]
+    if not pose.symbols:
+        lines.append("    (void)q;")
+    if any(value.has(sympy.pi) for value in (*(v for _, v in steps), *elements)):
+        lines.append(f"    const double pi = {pi!r};")
+    lines += [f"    const double {symbol} = {_c(sympy, value)};" for symbol, value in steps]
+    lines += [f"    T[{k}] = {_c(sympy, value)};" for k, value in enumerate(elements)]
+    return "\n".join([*lines, "}", ""])
+
+
+def as_python(pose: SymbolicPose, *, name: str = "forward_kinematics") -> str:
+    """A Python function ``name(q)`` that returns the rows of the matrix as lists.
+
+    Parameters
+    ----------
+    pose : SymbolicPose
+    name : str
+        Name of the function.
+
+    Returns
+    -------
+    str
+        With common sub-expressions taken out; needs ``math`` alone.
+
+    Raises
+    ------
+    ArrayError
+        ``name`` is no identifier.
+    MissingExtraError
+        SymPy is not installed.
+
+    Examples
+    --------
+    >>> from pieper.model.dh import from_dh
+    >>> print(as_python(end_effector(from_dh([(0.5, 0.0, 0.0, 0.0)])), name="fk").splitlines()[3])
+    def fk(q):
+    """
+    sympy = _sympy("formulas as Python code")
+    steps, elements = _steps(sympy, pose, name)
+    lines = ["from math import cos, pi, sin, sqrt", "", "", f"def {name}(q):"]
+    lines.append(f'    """Pose of the tip in the base frame, four rows; q: {_listed(pose)}."""')
+    lines += [f"    {symbol} = {_python(sympy, value)}" for symbol, value in steps]
+    lines.append("    return [")
+    lines += [f"        [{', '.join(_python(sympy, v) for v in elements[4 * i : 4 * i + 4])}]," for i in range(4)]
+    return "\n".join([*lines, "    ]", ""])
+
+
+def _steps(sympy: Any, pose: SymbolicPose, name: str) -> tuple[list[tuple[Any, Any]], list[Any]]:
+    """Common sub-expressions ``t0, t1, ...`` and the sixteen elements, with joints written ``q[i]``."""
+    if not _IDENTIFIER.fullmatch(name) or keyword.iskeyword(name):
+        raise ArrayError(f"name must be an identifier, got {name!r}")
+    joints = {sympy.Symbol(symbol): sympy.Symbol(f"q[{i}]") for i, symbol in enumerate(pose.symbols)}
+    elements = [element.xreplace(joints) for element in pose.matrix]
+    steps, reduced = sympy.cse(elements, symbols=sympy.numbered_symbols("t"))
+    return steps, list(reduced)
+
+
+def _listed(pose: SymbolicPose) -> str:
+    """The joint names, safe inside a comment of either language."""
+    return ", ".join(re.sub(r"[^\w .:+-]", "_", name) for name in pose.joint_names) or "none"
+
+
+def _c(sympy: Any, value: Any) -> str:
+    # M_PI and its like are no part of C99
+    return str(sympy.ccode(value.xreplace({sympy.pi: sympy.Symbol("pi")}), standard="c99", math_macros={}))
+
+
+def _python(sympy: Any, value: Any) -> str:
+    return str(sympy.pycode(value, fully_qualified_modules=False))
+
+
+def _sympy(purpose: str) -> Any:
+    try:
+        import sympy
+    except ImportError as cause:
+        raise MissingExtraError("SymPy", "symbolic", purpose) from cause
+    return sympy
+
+
+def _yaml(purpose: str) -> Any:
+    try:
+        import yaml
+    except ImportError as cause:
+        raise MissingExtraError("PyYAML", "symbolic", purpose) from cause
+    return yaml
