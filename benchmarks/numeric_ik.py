@@ -107,7 +107,6 @@ SOLVERS: dict[str, tuple[Callable[[arms.Arm], Solve], int]] = {
     "TRAC-IK, eps 1e-5 (default), 5 ms": (lambda arm: trac_ik(arm, tolerance=1e-5, limit=0.005), 10_000),
     "TRAC-IK, eps 1e-10, 5 ms": (lambda arm: trac_ik(arm, tolerance=1e-10, limit=0.005), 2_000),
     "TRAC-IK, eps 1e-10, 50 ms": (lambda arm: trac_ik(arm, tolerance=1e-10, limit=0.05), 1_000),
-    "Robotics Toolbox ik_LM, tol 1e-13": (lambda arm: robotics_toolbox(arm, tolerance=1e-13), 10_000),
     "Robotics Toolbox ik_LM, tol 1e-20": (lambda arm: robotics_toolbox(arm, tolerance=1e-20), 10_000),
     "Pinocchio, a loop in Python": (lambda arm: pinocchio_loop(arm, tolerance=5e-10), 500),
 }
