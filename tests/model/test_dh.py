@@ -170,7 +170,16 @@ def test_row_d10_y3_youbot_full_table_equals_the_urdf():
     rng = np.random.default_rng(3)
     for q in rng.uniform(arm.limits[:, 0], arm.limits[:, 1], (500, 5)):
         assert np.abs(forward_kinematics(tables["full"], q) - fk(arm, q)).max() < EXACT
-    assert np.abs(fk(arm, data["candle"]["q_for_exact_candle"]) - data["candle"]["T"]).max() < EXACT
+
+
+def test_row_y6_youbot_stands_upright_at_170_degrees():
+    """Row Y6: the exact candle needs joint 1 at 170 degrees, not at half its range."""
+    arm, candle = chain("kuka_youbot"), golden("youbot_dh.yaml")["candle"]
+    q = np.radians([170.0, 65.0, -146.0, 102.5, 167.5])
+    np.testing.assert_allclose(q, candle["q_for_exact_candle"], atol=EXACT)
+    for T in (fk(arm, q), forward_kinematics(catalog.dh_tables("youbot")["full"], q)):
+        assert np.abs(T - candle["T"]).max() < EXACT
+    assert np.degrees(arm.limits[0, 1]) / 2 == pytest.approx(169.0)
 
 
 def test_row_y2_youbot_simplified_table():

@@ -42,7 +42,7 @@ FloatArray = NDArray[np.float64]
 Convention: TypeAlias = Literal["standard", "modified", "hayati"]
 JointType: TypeAlias = Literal["revolute", "prismatic", "fixed"]
 
-CONVENTIONS: tuple[str, ...] = get_args(Convention)
+CONVENTIONS: tuple[Convention, ...] = get_args(Convention)
 JOINT_TYPES: tuple[str, ...] = get_args(JointType)
 
 _NEARLY_PARALLEL = 0.1  # sine below which rows for parallel axes are considered: their factor is then below 1.006
