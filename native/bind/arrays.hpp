@@ -59,10 +59,10 @@ class Output {
 
 // Runs `work` without the interpreter lock when there is enough of it to be worth a release.
 template <class Work>
-void without_lock(std::size_t count, Work work) {
+auto without_lock(std::size_t count, Work work) {
   if (count < 32) return work();
   nb::gil_scoped_release released;
-  work();
+  return work();
 }
 
 }  // namespace pieper::bind

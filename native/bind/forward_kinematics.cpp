@@ -11,11 +11,11 @@ void bind_forward_kinematics(nb::class_<NativeChain>& chain) {
       [](const NativeChain& self, nb::handle q, nb::handle out, std::size_t threads) {
         if (threads == 0) not_plain("threads");
         const Input joints(q, {self.chain.joints()}, "q");
-        joints.require_finite();
         const Output poses(joints.leading(), {4, 4}, out);
-        without_lock(joints.count(), [&] {
-          forward_kinematics(self.chain, joints.data(), joints.count(), threads, poses.data());
-        });
+        if (!without_lock(joints.count(), [&] {
+              return forward_kinematics(self.chain, joints.data(), joints.count(), threads, poses.data());
+            }))
+          not_plain("q");
         return poses.array();
       },
       nb::sig("def fk(self, q: object, out: object = None, threads: int = 1) -> numpy.typing.NDArray[numpy.float64]"),

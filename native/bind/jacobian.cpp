@@ -10,11 +10,11 @@ void bind_jacobian(nb::class_<NativeChain>& chain) {
         if (threads == 0) not_plain("threads");
         const std::size_t n = self.chain.joints();
         const Input joints(q, {n}, "q");
-        joints.require_finite();
         const Output jacobians(joints.leading(), {6, n}, out);
-        without_lock(joints.count(), [&] {
-          jacobian(self.chain, joints.data(), joints.count(), kind, threads, jacobians.data());
-        });
+        if (!without_lock(joints.count(), [&] {
+              return jacobian(self.chain, joints.data(), joints.count(), kind, threads, jacobians.data());
+            }))
+          not_plain("q");
         return jacobians.array();
       },
       nb::sig("def jacobian(self, q: object, kind: JacobianKind, out: object = None, threads: int = 1) -> numpy.typing.NDArray[numpy.float64]"),
@@ -52,11 +52,11 @@ void bind_jacobian(nb::class_<NativeChain>& chain) {
       [](const NativeChain& self, nb::handle q, std::size_t threads) {
         if (threads == 0) not_plain("threads");
         const Input joints(q, {self.chain.joints()}, "q");
-        joints.require_finite();
         const Output measures(joints.leading(), {}, nb::none());
-        without_lock(joints.count(), [&] {
-          manipulability(self.chain, joints.data(), joints.count(), threads, measures.data());
-        });
+        if (!without_lock(joints.count(), [&] {
+              return manipulability(self.chain, joints.data(), joints.count(), threads, measures.data());
+            }))
+          not_plain("q");
         return measures.array();
       },
       nb::sig("def manipulability(self, q: object, threads: int = 1) -> numpy.typing.NDArray[numpy.float64]"),

@@ -71,7 +71,7 @@ void set_twist(Axis& axis, double cosine, double sine) {
   if (std::abs(sine) < angle_noise && cosine > 0) {
     axis.twist = Twist::parallel, cosine = 1, sine = 0;
   } else if (std::abs(cosine) < angle_noise) {
-    axis.twist = sine > 0 ? Twist::plus_90 : Twist::minus_90, cosine = 0, sine = sine > 0 ? 1 : -1;
+    axis.twist = Twist::square, cosine = 0, sine = 1;  // x is the normal from one axis to the next, so the sine is positive
   } else {
     axis.twist = Twist::general;
   }
@@ -127,6 +127,7 @@ void Chain::fold() {
       z = {0, 0, 1};
     } else {
       frame.x = perpendicular(cross({0, 0, 1}, z), z);
+      folded_.base_turned = true;
     }
     frame.z = z;
     frame.origin = first.revolute ? first.point : Vec3{0, 0, 0};
@@ -172,12 +173,20 @@ void Chain::fold() {
       next.origin = tip;
       next.x = norm(normal) >= angle_noise ? perpendicular(normal, tip_z) : tip_x;
       connect(axis, frame, next, scale);
-      if (axis.twist == Twist::general && std::abs(axis.sin_twist) < angle_noise) axis.sin_twist = 0;  // 180 degrees
       const Vec3 next_y = cross(next.z, next.x);
-      const double cosine = dot(tip_x, next.x), sine = dot(tip_x, next_y);
-      folded_.tip_turns = std::abs(sine) >= angle_noise || cosine < 0;
-      if (folded_.tip_turns) folded_.cos_tip = cosine, folded_.sin_tip = sine;
+      double cosine = dot(tip_x, next.x), sine = dot(tip_x, next_y);
+      if (std::abs(sine) < angle_noise) sine = 0, cosine = cosine < 0 ? -1 : 1;
+      const double ca = axis.cos_twist, sa = axis.sin_twist;  // Rx(alpha) Rz(psi)
+      const double rotation[9] = {cosine, -sine, 0, ca * sine, ca * cosine, -sa, sa * sine, sa * cosine, ca};
+      std::copy(rotation, rotation + 9, folded_.tip_rotation);
+      folded_.tip_turned = axis.twist != Twist::parallel || cosine != 1;
     }
+  }
+  for (std::size_t i = 0; i + 1 < m; ++i)  // turning about z and moving along it commute
+    if (axes_[i].twist == Twist::parallel) axes_[i + 1].z += axes_[i].z, axes_[i].z = 0;
+  for (Axis& axis : axes_) {
+    axis.reach = axis.y != 0 ? Reach::both : axis.x != 0 ? Reach::along_x : Reach::none;
+    axis.turn = axis.revolute ? axis.sign : 0;
   }
 }
 

@@ -50,18 +50,26 @@ std::atomic<const Kernels*>& current() {
 // A worker below this many configurations costs more to start than it saves.
 constexpr std::size_t worth_a_thread = 4096;
 
-// Calls run(first, count) on up to `threads` contiguous parts.
+// Calls run(first, count) on up to `threads` contiguous parts; true when every part says so.
 template <class Run>
-void split(std::size_t count, std::size_t threads, Run run) {
+bool split(std::size_t count, std::size_t threads, Run run) {
   const std::size_t parts = std::min(std::max<std::size_t>(threads, 1), std::max<std::size_t>(count / worth_a_thread, 1));
   if (parts == 1) return run(std::size_t{0}, count);
-  std::vector<std::jthread> workers;
-  // parts of a multiple of eight configurations, so that every part starts on a whole vector
-  const std::size_t step = (count / parts + 7) / 8 * 8;
-  for (std::size_t first = step; first < count; first += step)
-    workers.emplace_back([=] { run(first, std::min(step, count - first)); });
-  run(0, std::min(step, count));
+  std::atomic<bool> good = true;
+  {
+    std::vector<std::jthread> workers;
+    // parts of a multiple of eight configurations, so that every part starts on a whole vector
+    const std::size_t step = (count / parts + 7) / 8 * 8;
+    for (std::size_t first = step; first < count; first += step)
+      workers.emplace_back([=, &good] {
+        if (!run(first, std::min(step, count - first))) good = false;
+      });
+    if (!run(std::size_t{0}, std::min(step, count))) good = false;
+  }
+  return good;
 }
+
+bool all_finite(const double* numbers, std::size_t count) { return kernels().all_finite(numbers, count); }
 
 bool for_kernels(const Chain& chain) {
   return !chain.coupled() && chain.axes() > 0 && chain.axes() <= kernel_axes;
@@ -83,35 +91,40 @@ bool use_instruction_set(const std::string& name) {
   return k != nullptr;
 }
 
-void forward_kinematics(const Chain& chain, const double* q, std::size_t count, std::size_t threads, double* out) {
-  if (!for_kernels(chain)) return plain_poses(chain, q, count, out);
+bool forward_kinematics(const Chain& chain, const double* q, std::size_t count, std::size_t threads, double* out) {
   const std::size_t n = chain.joints();
+  if (!for_kernels(chain)) return all_finite(q, count * n) && (plain_poses(chain, q, count, out), true);
   if (count == 1) {
+    if (!all_finite(q, n)) return false;
     double pose[12];
     kernels().pose_and_jacobian(chain.folded(), q, pose, nullptr);
     std::copy(pose, pose + 12, out);
     out[12] = out[13] = out[14] = 0, out[15] = 1;
-    return;
+    return true;
   }
-  split(count, threads, [&](std::size_t first, std::size_t some) {
-    kernels().poses(chain.folded(), q + first * n, some, out + first * 16);
+  return split(count, threads, [&](std::size_t first, std::size_t some) {
+    return kernels().poses(chain.folded(), q + first * n, some, out + first * 16);
   });
 }
 
-void jacobian(const Chain& chain, const double* q, std::size_t count, JacobianKind kind, std::size_t threads, double* out) {
-  if (!for_kernels(chain)) return plain_jacobians(chain, q, count, kind, out);
+bool jacobian(const Chain& chain, const double* q, std::size_t count, JacobianKind kind, std::size_t threads, double* out) {
   const std::size_t n = chain.joints();
-  if (count == 1 && kind == JacobianKind::geometric) return kernels().pose_and_jacobian(chain.folded(), q, nullptr, out);
-  split(count, threads, [&](std::size_t first, std::size_t some) {
-    kernels().jacobians(chain.folded(), q + first * n, some, kind, out + first * 6 * n);
+  if (!for_kernels(chain)) return all_finite(q, count * n) && (plain_jacobians(chain, q, count, kind, out), true);
+  if (count == 1 && kind == JacobianKind::geometric) {
+    if (!all_finite(q, n)) return false;
+    kernels().pose_and_jacobian(chain.folded(), q, nullptr, out);
+    return true;
+  }
+  return split(count, threads, [&](std::size_t first, std::size_t some) {
+    return kernels().jacobians(chain.folded(), q + first * n, some, kind, out + first * 6 * n);
   });
 }
 
-void manipulability(const Chain& chain, const double* q, std::size_t count, std::size_t threads, double* out) {
-  if (!for_kernels(chain)) return plain_manipulability(chain, q, count, out);
+bool manipulability(const Chain& chain, const double* q, std::size_t count, std::size_t threads, double* out) {
   const std::size_t n = chain.joints();
-  split(count, threads, [&](std::size_t first, std::size_t some) {
-    kernels().manipulability(chain.folded(), q + first * n, some, out + first);
+  if (!for_kernels(chain)) return all_finite(q, count * n) && (plain_manipulability(chain, q, count, out), true);
+  return split(count, threads, [&](std::size_t first, std::size_t some) {
+    return kernels().manipulability(chain.folded(), q + first * n, some, out + first);
   });
 }
 

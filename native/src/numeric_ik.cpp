@@ -138,24 +138,25 @@ class Batch {
 
 }  // namespace
 
-void solve_numeric(const Chain& chain, const double* targets, const double* seeds, std::size_t count,
-                   const TargetRows& rows, const NumericOptions& options, std::size_t threads,
-                   const NumericResults& out) {
+std::size_t solve_numeric(const Chain& chain, const double* targets, const double* seeds, std::size_t count,
+                          const TargetRows& rows, const NumericOptions& options, std::size_t threads,
+                          const NumericResults& out) {
   const Batch batch(chain, targets, seeds, rows, options, out);
   const std::size_t workers = std::min(std::max<std::size_t>(threads, 1), std::max<std::size_t>(count / 16, 1));
-  if (workers == 1) {
-    for (std::size_t k = 0; k < count; ++k) batch.solve(k);
-    return;
-  }
   // some targets take a hundred times longer than others, so workers fetch a few at a time
   std::atomic<std::size_t> next = 0;
   const auto work = [&] {
     for (std::size_t first; (first = next.fetch_add(8)) < count;)
       for (std::size_t k = first; k < std::min(first + 8, count); ++k) batch.solve(k);
   };
-  std::vector<std::jthread> others;
-  for (std::size_t w = 1; w < workers; ++w) others.emplace_back(work);
-  work();
+  {
+    std::vector<std::jthread> others;
+    for (std::size_t w = 1; w < workers; ++w) others.emplace_back(work);
+    work();
+  }
+  return static_cast<std::size_t>(std::count_if(out.status, out.status + count, [](signed char status) {
+    return status != static_cast<signed char>(NumericStatus::reached);
+  }));
 }
 
 }  // namespace pieper

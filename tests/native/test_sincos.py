@@ -8,8 +8,8 @@ import pytest
 
 from pieper._native import kernels
 
-# Measured worst case 0.7213 over 32000 angles of each kind; correct rounding would be 0.5.
-CLAIMED_ULP = 0.75
+# Measured worst case over 12 million angles: 0.964 (baseline), 0.873 (fused); correct rounding would be 0.5.
+CLAIMED_ULP = 1.0
 
 RNG = np.random.default_rng(20)
 ANGLES = {

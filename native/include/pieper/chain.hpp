@@ -10,16 +10,23 @@
 namespace pieper {
 
 // How an axis is tilted against the next one; the cheap cases are worth naming.
-enum class Twist : unsigned char { parallel, plus_90, minus_90, general };
+// Directions are chosen such that a twist lies between 0 and 90 degrees (180 at the tip).
+enum class Twist : unsigned char { parallel, square, general };
+
+// Which part of Trans(x, y, z) lies across the axis; mostly none or x alone.
+enum class Reach : unsigned char { none, along_x, both };
 
 // One axis: Rz(angle) Trans(x, y, z) Rx(twist), with angle = sign q + offset when it turns and z + sign q when it slides.
-// Axes that are parallel to their successor belong to one group: their angles add up and only the last turns the frame.
+// Axes that are parallel to their successor belong to one group: their angles add up, only the last turns the frame, and
+// it carries the z of all of them.
 struct Axis {
   double sign, offset;
   double x, y, z;
   double cos_twist, sin_twist;
   bool revolute;
   Twist twist;
+  Reach reach;
+  double turn;  // sign when the axis turns, 0 when it slides
 };
 
 // A frame that moves with the first `after` axes, by its pose at the home configuration (3x4, row-major).
@@ -32,11 +39,11 @@ struct LinkFrame {
 struct Folded {
   const Axis* axes = nullptr;  // m of them
   std::size_t count = 0;
-  // Base to first axis, and the turn about z after the last axis that completes the tip.
+  // Base to first axis, and what is left to the tip after the last one has turned: both constant.
+  bool base_turned = false, tip_turned = false;
   double base_rotation[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
   double base_position[3] = {0, 0, 0};
-  double cos_tip = 1, sin_tip = 0;
-  bool tip_turns = false;
+  double tip_rotation[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
 };
 
 class SearchTable;  // see search_table.hpp

@@ -13,14 +13,15 @@ namespace pieper {
 // geometric: velocity of the tip origin and angular velocity, both in base axes; space and body: twists of the tip.
 enum class JacobianKind : int { geometric = 0, space = 1, body = 2 };
 
-// Configurations are (count, n) row-major, finite. Poses are written as (count, 4, 4), Jacobians as (count, 6, n).
+// Configurations are (count, n) row-major. The batch kernels return false when a joint value is not finite; what they wrote
+// until then means nothing. Poses are written as (count, 4, 4), Jacobians as (count, 6, n).
 // Chains with mimic joints or more than max_axes axes are not for these: see forward_kinematics() below.
 struct Kernels {
   const char* name;
   std::size_t lanes;
-  void (*poses)(const Folded&, const double* q, std::size_t count, double* out);
-  void (*jacobians)(const Folded&, const double* q, std::size_t count, JacobianKind, double* out);
-  void (*manipulability)(const Folded&, const double* q, std::size_t count, double* out);
+  bool (*poses)(const Folded&, const double* q, std::size_t count, double* out);
+  bool (*jacobians)(const Folded&, const double* q, std::size_t count, JacobianKind, double* out);
+  bool (*manipulability)(const Folded&, const double* q, std::size_t count, double* out);
   // One configuration: pose as 3x4 row-major, and the geometric Jacobian as 6 x m row-major (either may be null).
   void (*pose_and_jacobian)(const Folded&, const double* q, double* pose, double* jacobian);
   void (*sincos)(const double* angle, std::size_t count, double* sine, double* cosine);
@@ -43,10 +44,10 @@ std::vector<std::string> instruction_sets();
 // Chooses by name; false when it is not among instruction_sets().
 bool use_instruction_set(const std::string& name);
 
-// The public entry points: any chain, any count, `threads` workers.
-void forward_kinematics(const Chain&, const double* q, std::size_t count, std::size_t threads, double* out);
-void jacobian(const Chain&, const double* q, std::size_t count, JacobianKind, std::size_t threads, double* out);
-void manipulability(const Chain&, const double* q, std::size_t count, std::size_t threads, double* out);
+// The public entry points: any chain, any count, `threads` workers. False when a joint value is not finite.
+bool forward_kinematics(const Chain&, const double* q, std::size_t count, std::size_t threads, double* out);
+bool jacobian(const Chain&, const double* q, std::size_t count, JacobianKind, std::size_t threads, double* out);
+bool manipulability(const Chain&, const double* q, std::size_t count, std::size_t threads, double* out);
 
 // Rate of the geometric Jacobian, (count, 6, n), for joint velocities dq (count, n).
 void jacobian_rate(const Chain&, const double* q, const double* dq, std::size_t count, double* out);

@@ -70,8 +70,9 @@ struct NumericResults {
   signed char* status;  // (targets)
 };
 
-// `targets` (count, 4, 4); `seeds` (count, n) or null. Answers depend on nothing but their own target and seed.
-void solve_numeric(const Chain&, const double* targets, const double* seeds, std::size_t count, const TargetRows&,
-                   const NumericOptions&, std::size_t threads, const NumericResults&);
+// `targets` (count, 4, 4); `seeds` (count, n) or null. Answers depend on nothing but their own target and seed. Returns the
+// number of targets that were not reached.
+std::size_t solve_numeric(const Chain&, const double* targets, const double* seeds, std::size_t count, const TargetRows&,
+                          const NumericOptions&, std::size_t threads, const NumericResults&);
 
 }  // namespace pieper

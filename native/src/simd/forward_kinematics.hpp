@@ -1,4 +1,8 @@
 // The product along the folded chain (see chain.cpp), for one configuration (V = double) or one per lane (V = Vec).
+//
+// It is taken from the tip to the base: a step then multiplies from the left by Rz Trans Rx, which mixes two rows and adds
+// constants, fewer operations than the same step from the other side. Only Jacobians walk from the base (jacobian.hpp),
+// because they need every axis in base coordinates.
 #pragma once
 
 #include "pieper/chain.hpp"
@@ -8,6 +12,7 @@ namespace {
 
 using pieper::Axis;
 using pieper::Folded;
+using pieper::Reach;
 using pieper::Twist;
 
 // Axes that one configuration may have in the kernels; longer chains run in the plain loop of differential.cpp.
@@ -22,41 +27,40 @@ struct Pose {
   V x[3], y[3], z[3], p[3];
 };
 
-// Sines and cosines of the accumulated angle of each axis within its group, and how far each axis slides.
+// Cosine and sine of the accumulated angle of an axis within its group, and how far the axis slides if it does.
+template <class V>
+struct AxisState {
+  V c, s, slide;
+};
+
 template <class V>
 struct JointState {
-  V c[max_axes], s[max_axes], slide[max_axes];
+  AxisState<V> axes[max_axes];
+  AxisState<V>& operator[](std::size_t i) { return axes[i]; }
+  const AxisState<V>& operator[](std::size_t i) const { return axes[i]; }
 };
 
 // q[i] holds axis i of every lane. Angles must be small (see load_joints in kernels.cpp).
-inline void states_of_lanes(const Folded& chain, const Vec* q, JointState<Vec>& state) {
+PIEPER_INLINE void states_of_lanes(const Folded& chain, std::size_t n, const Vec* q, JointState<Vec>& state) {
   Vec angle = splat(0.0);
-  for (std::size_t i = 0; i < chain.count; ++i) {
+  for (std::size_t i = 0; i < n; ++i) {
     const Axis& axis = chain.axes[i];
-    if (axis.revolute) {
-      angle += q[i] * axis.sign + axis.offset;
-    } else {
-      state.slide[i] = q[i] * axis.sign;
-      angle += axis.offset;
-    }
-    sincos_reduced(angle, state.s[i], state.c[i]);
+    angle = q[i] * axis.turn + (angle + axis.offset);
+    if (!axis.revolute) state[i].slide = q[i] * axis.sign;
+    sincos_reduced(angle, state[i].s, state[i].c);
     if (axis.twist != Twist::parallel) angle = splat(0.0);
   }
 }
 
 // One configuration: the angles of several axes share a vector.
-inline void state_of_one(const Folded& chain, const double* q, JointState<double>& state) {
+PIEPER_INLINE void state_of_one(const Folded& chain, const double* q, JointState<double>& state) {
   double angle[max_axes + lanes] = {};
   double sum = 0;
   const std::size_t m = chain.count;
   for (std::size_t i = 0; i < m; ++i) {
     const Axis& axis = chain.axes[i];
-    if (axis.revolute) {
-      sum += q[i] * axis.sign + axis.offset;
-    } else {
-      state.slide[i] = q[i] * axis.sign;
-      sum += axis.offset;
-    }
+    sum = q[i] * axis.turn + (sum + axis.offset);
+    if (!axis.revolute) state[i].slide = q[i] * axis.sign;
     angle[i] = sum;
     if (axis.twist != Twist::parallel) sum = 0;
   }
@@ -65,84 +69,95 @@ inline void state_of_one(const Folded& chain, const double* q, JointState<double
     sincos_reduced(load(angle + i), s, c);
     double s_out[lanes], c_out[lanes];
     store(s_out, s), store(c_out, c);
-    for (std::size_t l = 0; l < lanes && i + l < m; ++l) state.s[i + l] = s_out[l], state.c[i + l] = c_out[l];
+    for (std::size_t l = 0; l < lanes && i + l < m; ++l) state[i + l].s = s_out[l], state[i + l].c = c_out[l];
   }
+}
+
+// One column of the 3x4 matrix. Named members stay in registers where an array would go through memory.
+template <class V>
+struct Column {
+  V x, y, z;
+};
+
+// A column of Rz Trans(x, y, 0) Rx f, with the cosine and sine of the turn about z, but for the translation. Signs are
+// written out for each kind of twist, so that they become part of a fused multiply-add.
+template <class V>
+PIEPER_INLINE void step_square(Column<V>& f, V c, V s) {
+  const V x = f.x, y = f.y, z = f.z;
+  f.x = c * x + s * z;
+  f.y = s * x - c * z;
+  f.z = y;
 }
 
 template <class V>
-inline void rotate_about_z(Pose<V>& f, V c, V s) {
-  for (int r = 0; r < 3; ++r) {
-    const V x = f.x[r];
-    f.x[r] = c * x + s * f.y[r];
-    f.y[r] = c * f.y[r] - s * x;
-  }
+PIEPER_INLINE void step_tilted(Column<V>& f, double cos_twist, double sin_twist, V c, V s) {
+  const V x = f.x, across = cos_twist * f.y - sin_twist * f.z;
+  f.z = sin_twist * f.y + cos_twist * f.z;
+  f.x = c * x - s * across;
+  f.y = s * x + c * across;
 }
 
 template <class V>
-inline void tilt_about_x(Pose<V>& f, const Axis& axis) {
-  switch (axis.twist) {
-    case Twist::parallel:
-      return;
-    case Twist::plus_90:
-      for (int r = 0; r < 3; ++r) {
-        const V y = f.y[r];
-        f.y[r] = f.z[r], f.z[r] = -y;
-      }
-      return;
-    case Twist::minus_90:
-      for (int r = 0; r < 3; ++r) {
-        const V y = f.y[r];
-        f.y[r] = -f.z[r], f.z[r] = y;
-      }
-      return;
-    case Twist::general:
-      for (int r = 0; r < 3; ++r) {
-        const V y = f.y[r];
-        f.y[r] = axis.cos_twist * y + axis.sin_twist * f.z[r];
-        f.z[r] = axis.cos_twist * f.z[r] - axis.sin_twist * y;
-      }
-  }
+PIEPER_INLINE void add_reach(Column<V>& p, const Axis& axis, V c, V s) {
+  if (axis.reach == Reach::none) return;
+  p.x += axis.x * c, p.y += axis.x * s;
+  if (axis.reach == Reach::both) p.x -= axis.y * s, p.y += axis.y * c;
 }
 
-// Walks from base to tip. `at_axis(i, z, p)` is told the direction of axis i and a point on it, both in the base frame.
-template <class V, class AtAxis>
-inline Pose<V> walk(const Folded& chain, const JointState<V>& state, AtAxis at_axis) {
-  Pose<V> f;
-  for (int r = 0; r < 3; ++r) {
-    f.x[r] = splat_like(V{}, chain.base_rotation[3 * r]);
-    f.y[r] = splat_like(V{}, chain.base_rotation[3 * r + 1]);
-    f.z[r] = splat_like(V{}, chain.base_rotation[3 * r + 2]);
-    f.p[r] = splat_like(V{}, chain.base_position[r]);
+// A constant column, turned about z.
+template <class V>
+PIEPER_INLINE Column<V> turned(const double* rotation, int k, V c, V s) {
+  const double x = rotation[k], y = rotation[3 + k], z = rotation[6 + k];
+  return {c * x - s * y, s * x + c * y, splat_like(V{}, z)};
+}
+
+template <class V>
+PIEPER_INLINE void turn(Column<V>& f, const double* b) {
+  const V x = f.x, y = f.y, z = f.z;
+  f.x = b[0] * x + b[1] * y + b[2] * z;
+  f.y = b[3] * x + b[4] * y + b[5] * z;
+  f.z = b[6] * x + b[7] * y + b[8] * z;
+}
+
+// Base to tip.
+template <class V>
+PIEPER_INLINE Pose<V> tip_pose(const Folded& chain, const JointState<V>& state) {
+  std::size_t i = chain.count - 1;
+  V c = state[i].c, s = state[i].s;
+  const V zero{}, one = splat_like(V{}, 1.0);
+  Column<V> x{c, s, zero}, y{-s, c, zero}, z{zero, zero, one}, p{zero, zero, zero};
+  if (chain.tip_turned) {
+    x = turned(chain.tip_rotation, 0, c, s);
+    y = turned(chain.tip_rotation, 1, c, s);
+    z = turned(chain.tip_rotation, 2, c, s);
   }
-  const std::size_t m = chain.count;
-  std::size_t i = 0;
-  while (i < m) {
-    // one group of parallel axes: the path stays in the plane, height adds up
-    V x{}, y{}, z{};
-    bool moved = false;
-    for (;; ++i) {
-      const Axis& axis = chain.axes[i];
-      if (moved) {
-        V p[3];
-        for (int r = 0; r < 3; ++r) p[r] = f.p[r] + f.x[r] * x + f.y[r] * y + f.z[r] * z;
-        at_axis(i, f.z, p);
-      } else {
-        at_axis(i, f.z, f.p);
-      }
-      if (axis.x != 0) x += axis.x * state.c[i], y += axis.x * state.s[i], moved = true;
-      if (axis.y != 0) x -= axis.y * state.s[i], y += axis.y * state.c[i], moved = true;
-      if (axis.z != 0) z += axis.z, moved = true;
-      if (!axis.revolute) z += state.slide[i], moved = true;
-      if (axis.twist != Twist::parallel || i + 1 == m) break;
+  for (;;) {
+    // a group of parallel axes: the path stays in the plane across them, and height adds up
+    add_reach(p, chain.axes[i], c, s);
+    p.z += chain.axes[i].z;
+    if (!chain.axes[i].revolute) p.z += state[i].slide;
+    while (i > 0 && chain.axes[i - 1].twist == Twist::parallel) {
+      --i;
+      add_reach(p, chain.axes[i], state[i].c, state[i].s);
+      if (!chain.axes[i].revolute) p.z += state[i].slide;
     }
-    if (moved)
-      for (int r = 0; r < 3; ++r) f.p[r] += f.x[r] * x + f.y[r] * y + f.z[r] * z;
-    rotate_about_z(f, state.c[i], state.s[i]);
-    tilt_about_x(f, chain.axes[i]);
-    ++i;
+    if (i-- == 0) break;
+    const Axis& axis = chain.axes[i];
+    c = state[i].c, s = state[i].s;
+    if (axis.twist == Twist::square) {
+      step_square(x, c, s), step_square(y, c, s), step_square(z, c, s), step_square(p, c, s);
+    } else {
+      const double ca = axis.cos_twist, sa = axis.sin_twist;
+      step_tilted(x, ca, sa, c, s), step_tilted(y, ca, sa, c, s);
+      step_tilted(z, ca, sa, c, s), step_tilted(p, ca, sa, c, s);
+    }
   }
-  if (chain.tip_turns) rotate_about_z(f, splat_like(V{}, chain.cos_tip), splat_like(V{}, chain.sin_tip));
-  return f;
+  if (chain.base_turned) {
+    const double* b = chain.base_rotation;
+    turn(x, b), turn(y, b), turn(z, b), turn(p, b);
+  }
+  const double* base = chain.base_position;
+  return {{x.x, x.y, x.z}, {y.x, y.y, y.z}, {z.x, z.y, z.z}, {p.x + base[0], p.y + base[1], p.z + base[2]}};
 }
 
 }  // namespace

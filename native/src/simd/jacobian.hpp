@@ -12,6 +12,74 @@ struct Axes {
 };
 
 template <class V>
+PIEPER_INLINE void turn_about_z(Pose<V>& f, V c, V s) {
+  for (int r = 0; r < 3; ++r) {
+    const V x = f.x[r];
+    f.x[r] = c * x + s * f.y[r];
+    f.y[r] = c * f.y[r] - s * x;
+  }
+}
+
+template <class V>
+PIEPER_INLINE void tilt_about_x(Pose<V>& f, const Axis& axis) {
+  for (int r = 0; r < 3; ++r) {
+    const V y = f.y[r];
+    if (axis.twist == Twist::square) {
+      f.y[r] = f.z[r], f.z[r] = -y;
+    } else {
+      f.y[r] = axis.cos_twist * y + axis.sin_twist * f.z[r];
+      f.z[r] = axis.cos_twist * f.z[r] - axis.sin_twist * y;
+    }
+  }
+}
+
+// Walks from base to tip. `at_axis(i, z, p)` is told the direction of axis i and a point on it, both in the base frame.
+template <class V, class AtAxis>
+PIEPER_INLINE Pose<V> walk(const Folded& chain, const JointState<V>& state, AtAxis at_axis) {
+  Pose<V> f;
+  for (int r = 0; r < 3; ++r) {
+    f.x[r] = splat_like(V{}, chain.base_rotation[3 * r]);
+    f.y[r] = splat_like(V{}, chain.base_rotation[3 * r + 1]);
+    f.z[r] = splat_like(V{}, chain.base_rotation[3 * r + 2]);
+    f.p[r] = splat_like(V{}, chain.base_position[r]);
+  }
+  for (std::size_t i = 0; i < chain.count; ++i) {
+    // one group of parallel axes: the path stays in the plane across them, height adds up
+    V x{}, y{}, z{};
+    bool moved = false;
+    for (;; ++i) {
+      const Axis& axis = chain.axes[i];
+      if (moved) {
+        V p[3];
+        for (int r = 0; r < 3; ++r) p[r] = f.p[r] + f.x[r] * x + f.y[r] * y + f.z[r] * z;
+        at_axis(i, f.z, p);
+      } else {
+        at_axis(i, f.z, f.p);
+      }
+      if (axis.x != 0) x += axis.x * state[i].c, y += axis.x * state[i].s, moved = true;
+      if (axis.y != 0) x -= axis.y * state[i].s, y += axis.y * state[i].c, moved = true;
+      if (axis.z != 0) z += axis.z, moved = true;
+      if (!axis.revolute) z += state[i].slide, moved = true;
+      if (axis.twist != Twist::parallel || i + 1 == chain.count) break;
+    }
+    if (moved)
+      for (int r = 0; r < 3; ++r) f.p[r] += f.x[r] * x + f.y[r] * y + f.z[r] * z;
+    turn_about_z(f, state[i].c, state[i].s);
+    if (i + 1 < chain.count) tilt_about_x(f, chain.axes[i]);
+  }
+  if (chain.tip_turned) {
+    const double* t = chain.tip_rotation;
+    for (int r = 0; r < 3; ++r) {
+      const V x = f.x[r], y = f.y[r], z = f.z[r];
+      f.x[r] = t[0] * x + t[3] * y + t[6] * z;
+      f.y[r] = t[1] * x + t[4] * y + t[7] * z;
+      f.z[r] = t[2] * x + t[5] * y + t[8] * z;
+    }
+  }
+  return f;
+}
+
+template <class V>
 inline Pose<V> walk_with_axes(const Folded& chain, const JointState<V>& state, Axes<V>& axes) {
   return walk(chain, state, [&](std::size_t i, const V* z, const V* p) {
     for (int r = 0; r < 3; ++r) axes.z[i][r] = z[r], axes.p[i][r] = p[r];
@@ -19,7 +87,7 @@ inline Pose<V> walk_with_axes(const Folded& chain, const JointState<V>& state, A
 }
 
 template <class V>
-inline void cross(const V* a, const V* b, V* out) {
+PIEPER_INLINE void cross(const V* a, const V* b, V* out) {
   out[0] = a[1] * b[2] - a[2] * b[1];
   out[1] = a[2] * b[0] - a[0] * b[2];
   out[2] = a[0] * b[1] - a[1] * b[0];
@@ -27,7 +95,7 @@ inline void cross(const V* a, const V* b, V* out) {
 
 // Column of axis i: linear part, then angular.
 template <class V>
-inline void column(const Folded& chain, const Pose<V>& tip, const Axes<V>& axes, std::size_t i, pieper::JacobianKind kind,
+PIEPER_INLINE void column(const Folded& chain, const Pose<V>& tip, const Axes<V>& axes, std::size_t i, pieper::JacobianKind kind,
                    V* out) {
   const Axis& axis = chain.axes[i];
   V z[3];

@@ -19,22 +19,23 @@ bool goes_past_cache(const double* out, std::size_t doubles) {
 // An angle beyond small_angle in [-pi, pi]; exact to the last place, which adding up large angles would not be.
 double reduced(double angle) { return std::atan2(std::sin(angle), std::cos(angle)); }
 
-// The joint values of `lanes` configurations, revolute ones reduced where they are large.
-void load_joints(const Folded& chain, const double* q, std::size_t stride, Vec* joints) {
-  Vec largest = splat(0.0);
-  for (std::size_t i = 0; i < chain.count; ++i) {
-    joints[i] = gather(q + i, stride);
-    const Vec size = magnitude(joints[i]);
-    largest = select(size > largest, size, largest);
-  }
-  if (!any(largest > small_angle)) return;
-  for (std::size_t i = 0; i < chain.count; ++i) {
-    if (!chain.axes[i].revolute) continue;
+// Large angles reduced in place; false when a value is not finite. Kept out of the way of the common case.
+PIEPER_OUT_OF_LINE bool reduce_joints(const Folded& chain, Vec* joints) {
+  for (std::size_t i = 0; i < chain.count; ++i)
     for (std::size_t l = 0; l < lanes; ++l) {
-      double& angle = lane(joints[i], l);
-      if (std::fabs(angle) > small_angle) angle = reduced(angle);
+      double& value = lane(joints[i], l);
+      if (!std::isfinite(value)) return false;
+      if (chain.axes[i].revolute && std::fabs(value) > small_angle) value = reduced(value);
     }
-  }
+  return true;
+}
+
+// The joint values of `lanes` configurations, large angles reduced; false when one is not finite.
+PIEPER_INLINE bool load_joints(const Folded& chain, std::size_t n, const double* q, Vec* joints) {
+  read_records(q, n, joints);
+  Vec squares = joints[0] * joints[0];  // not a number, or infinite, when any of them is
+  for (std::size_t i = 1; i < n; ++i) squares += joints[i] * joints[i];
+  return all(squares <= small_angle * small_angle) || reduce_joints(chain, joints);
 }
 
 void load_joints(const Folded& chain, const double* q, double* joints) {
@@ -42,47 +43,97 @@ void load_joints(const Folded& chain, const double* q, double* joints) {
     joints[i] = chain.axes[i].revolute && std::fabs(q[i]) > small_angle ? reduced(q[i]) : q[i];
 }
 
-// Calls `block(q, valid, out)` for every `lanes` configurations; the last, incomplete block works on copies.
+// Room for the joints of one block; read_records() works on whole vectors of numbers.
+using Joints = Vec[max_axes + lanes];
+
+// Asks for the joint values that come up in a few blocks: the loop body is longer than what the processor looks ahead.
+inline void prefetch_joints(const double* q, std::size_t n) {
+#if defined(__GNUC__)
+  constexpr std::size_t blocks_ahead = 8, doubles_per_line = 8;
+  const double* end = q + (blocks_ahead + 1) * lanes * n;
+  for (const double* line = end - lanes * n; line < end; line += doubles_per_line) __builtin_prefetch(line);
+#else
+  (void)q, (void)n;
+#endif
+}
+
+// Calls `block(joints, out, streamed)` for every `lanes` configurations; the last, incomplete block works on copies.
+// False as soon as a joint value is not finite.
 template <class Block>
-void for_blocks(const double* q, std::size_t n, std::size_t count, double* out, std::size_t width, Block block) {
+bool for_blocks(const Folded& chain, const double* q, std::size_t count, double* out, std::size_t width, Block block) {
+  const std::size_t n = chain.count;
   const bool streamed = goes_past_cache(out, count * width);
+  Joints joints;
   std::size_t k = 0;
-  for (; k + lanes <= count; k += lanes) block(q + k * n, out + k * width, streamed);
-  if (k == count) return;
+  for (; k + lanes <= count; k += lanes) {
+    prefetch_joints(q + k * n, n);
+    if (!load_joints(chain, n, q + k * n, joints)) return false;
+    block(joints, out + k * width, streamed);
+  }
+  end_streaming(streamed);
+  if (k == count) return true;
   double q_padded[lanes * max_axes];
   double out_padded[lanes * 6 * max_axes];
   for (std::size_t l = 0; l < lanes; ++l) {
     const std::size_t from = k + l < count ? k + l : count - 1;
     for (std::size_t i = 0; i < n; ++i) q_padded[l * n + i] = q[from * n + i];
   }
-  block(q_padded, out_padded, false);
+  if (!load_joints(chain, n, q_padded, joints)) return false;
+  block(joints, out_padded, false);
   std::memcpy(out + k * width, out_padded, (count - k) * width * sizeof(double));
+  return true;
 }
 
-void poses(const Folded& chain, const double* q, std::size_t count, double* out) {
-  const std::size_t n = chain.count;
-  for_blocks(q, n, count, out, 16, [&](const double* from, double* to, bool streamed) {
-    Vec joints[max_axes];
-    load_joints(chain, from, n, joints);
-    JointState<Vec> state;
-    states_of_lanes(chain, joints, state);
-    const Pose<Vec> tip = walk(chain, state, [](std::size_t, const Vec*, const Vec*) {});
-    Vec numbers[16];
-    for (int r = 0; r < 3; ++r) {
-      numbers[4 * r] = tip.x[r], numbers[4 * r + 1] = tip.y[r], numbers[4 * r + 2] = tip.z[r];
-      numbers[4 * r + 3] = tip.p[r];
-    }
-    numbers[12] = numbers[13] = numbers[14] = splat(0.0), numbers[15] = splat(1.0);
-    scatter(numbers, 16, to, 16, streamed);
+PIEPER_INLINE void write_pose(const Folded& chain, const JointState<Vec>& state, double* to, bool streamed) {
+  const Pose<Vec> tip = tip_pose(chain, state);
+  Vec numbers[16];
+  for (int r = 0; r < 3; ++r) {
+    numbers[4 * r] = tip.x[r], numbers[4 * r + 1] = tip.y[r], numbers[4 * r + 2] = tip.z[r];
+    numbers[4 * r + 3] = tip.p[r];
+  }
+  numbers[12] = numbers[13] = numbers[14] = splat(0.0), numbers[15] = splat(1.0);
+  scatter(numbers, 16, to, 16, streamed);
+}
+
+// The sines of one block are computed while the poses of the block before are put together: each is a long chain of
+// dependent operations, and the processor runs the two chains at once.
+// `axes` is the number of axes when it is known, else 0: the common ones are worth a copy of the loop.
+template <std::size_t axes>
+bool poses_of(const Folded& chain, const double* q, std::size_t count, double* out) {
+  const bool streamed = goes_past_cache(out, count * 16);
+  JointState<Vec> state[2];
+  const std::size_t n = axes ? axes : chain.count, step = lanes * n;
+  std::size_t block = 0;
+  for (; (block + 1) * lanes <= count; ++block) {
+    Joints joints;
+    prefetch_joints(q + block * step, n);
+    if (!load_joints(chain, n, q + block * step, joints)) return false;
+    states_of_lanes(chain, n, joints, state[block % 2]);
+    if (block > 0) write_pose(chain, state[(block - 1) % 2], out + (block - 1) * lanes * 16, streamed);
+  }
+  if (block > 0) write_pose(chain, state[(block - 1) % 2], out + (block - 1) * lanes * 16, streamed);
+  end_streaming(streamed);
+  const std::size_t done = block * lanes;
+  return for_blocks(chain, q + done * n, count - done, out + done * 16, 16, [&](const Vec* joints, double* to, bool) {
+    states_of_lanes(chain, n, joints, state[0]);
+    write_pose(chain, state[0], to, false);
   });
 }
 
-void columns(const Folded& chain, const double* from, pieper::JacobianKind kind, Vec* numbers) {
+bool poses(const Folded& chain, const double* q, std::size_t count, double* out) {
+  switch (chain.count) {
+    case 5: return poses_of<5>(chain, q, count, out);
+    case 6: return poses_of<6>(chain, q, count, out);
+    case 7: return poses_of<7>(chain, q, count, out);
+    default: return poses_of<0>(chain, q, count, out);
+  }
+}
+
+
+void columns(const Folded& chain, const Vec* joints, pieper::JacobianKind kind, Vec* numbers) {
   const std::size_t n = chain.count;
-  Vec joints[max_axes];
-  load_joints(chain, from, n, joints);
   JointState<Vec> state;
-  states_of_lanes(chain, joints, state);
+  states_of_lanes(chain, n, joints, state);
   Axes<Vec> axes;
   const Pose<Vec> tip = walk_with_axes(chain, state, axes);
   for (std::size_t i = 0; i < n; ++i) {
@@ -92,19 +143,19 @@ void columns(const Folded& chain, const double* from, pieper::JacobianKind kind,
   }
 }
 
-void jacobians(const Folded& chain, const double* q, std::size_t count, pieper::JacobianKind kind, double* out) {
-  const std::size_t n = chain.count, width = 6 * n;
-  for_blocks(q, n, count, out, width, [&](const double* from, double* to, bool streamed) {
+bool jacobians(const Folded& chain, const double* q, std::size_t count, pieper::JacobianKind kind, double* out) {
+  const std::size_t width = 6 * chain.count;
+  return for_blocks(chain, q, count, out, width, [&](const Vec* joints, double* to, bool streamed) {
     Vec numbers[6 * max_axes];
-    columns(chain, from, kind, numbers);
+    columns(chain, joints, kind, numbers);
     scatter(numbers, width, to, width, streamed && width % lanes == 0);
   });
 }
 
-void manipulabilities(const Folded& chain, const double* q, std::size_t count, double* out) {
-  for_blocks(q, chain.count, count, out, 1, [&](const double* from, double* to, bool) {
+bool manipulabilities(const Folded& chain, const double* q, std::size_t count, double* out) {
+  return for_blocks(chain, q, count, out, 1, [&](const Vec* joints, double* to, bool) {
     Vec numbers[6 * max_axes];
-    columns(chain, from, pieper::JacobianKind::geometric, numbers);
+    columns(chain, joints, pieper::JacobianKind::geometric, numbers);
     Vec square = manipulability(numbers, chain.count);
     for (std::size_t l = 0; l < lanes; ++l) to[l] = std::sqrt(lane(square, l));
   });
@@ -126,7 +177,7 @@ void pose_and_jacobian(const Folded& chain, const double* q, double* pose, doubl
       for (std::size_t r = 0; r < 6; ++r) jacobian[r * m + i] = six[r];
     }
   } else {
-    tip = walk(chain, state, [](std::size_t, const double*, const double*) {});
+    tip = tip_pose(chain, state);
   }
   if (!pose) return;
   for (int r = 0; r < 3; ++r) {

@@ -196,7 +196,7 @@ inline Errors evaluate(const Folded& chain, const SearchSpace& space, const Goal
     angles = moved;
   }
   JointState<Vec> state;
-  states_of_lanes(chain, angles, state);
+  states_of_lanes(chain, chain.count, angles, state);
   Axes<Vec> axes;
   const Pose<Vec> tip = walk_with_axes(chain, state, axes);
 
@@ -489,7 +489,7 @@ class NumericSolver {
       for (std::size_t l = 1; l < lanes; ++l)
         if (lane(costs, l) < lane(costs, winner)) winner = l;
       const double reached = lane(costs, winner);
-      idle = reached < cost * (1 - 1e-13) ? 0 : idle + 1;
+      idle = reached < cost * (1 - worth_settling) ? 0 : idle + 1;
       if (reached < cost) {
         cost = reached;
         for (std::size_t i = 0; i < n; ++i) best[i] = lane(tried[i], winner), q_[i] = splat(best[i]);
@@ -505,7 +505,8 @@ class NumericSolver {
   static constexpr double damping_factor = 0.2;
   static constexpr double worth_going_on = 0.5;  // of the squared error that was left
   static constexpr double patience = 5;          // steps that may go by without it
-  static constexpr int settle_steps = 200;
+  static constexpr int settle_steps = 400;
+  static constexpr double worth_settling = 1e-10;  // of the squared error, in one step
 
   const Folded& chain_;
   const SearchSpace& space_;

@@ -1,13 +1,19 @@
 // Sine and cosine of a vector, to less than one unit in the last place.
 //
-// Argument reduction after Cody and Waite (Software Manual for the Elementary Functions, 1980, ch. 8): pi/2 is split into
-// two parts of 33 bits, so that their products with k < 2^20 are exact, and a double for the rest (119 bits together); the
-// reduced angle is kept as a sum r + e. The polynomials come from native/derivations/sincos_polynomials.py.
+// Argument reduction after Cody and Waite (Software Manual for the Elementary Functions, 1980, ch. 8): k pi/2 is taken off
+// in three parts. With fused multiply-add the first may be a full double, because that step cancels and is exact; without
+// it, it has 33 bits. The second has 33 bits, so that its product with k < 2^20 is exact and its rounding can be caught.
+// The reduced angle is a sum r + e. The polynomials come from native/derivations/sincos_polynomials.py.
 #pragma once
 
 #include <cmath>
 
 #include "simd/lanes.hpp"
+
+// The compiler contracts a - b * c to one rounding.
+#if defined(__GNUC__) && (defined(__FMA__) || defined(__ARM_FEATURE_FMA))
+#define PIEPER_FUSED
+#endif
 
 namespace {
 
@@ -15,23 +21,29 @@ namespace {
 constexpr double exact_reduction_limit = 1.6e6;
 
 // All lanes must be finite with magnitude below exact_reduction_limit.
-inline void sincos_reduced(Vec angle, Vec& sine, Vec& cosine) {
+PIEPER_INLINE void sincos_reduced(Vec angle, Vec& sine, Vec& cosine) {
   constexpr double two_over_pi = 0x1.45f306dc9c883p-1;
-  constexpr double half_pi_1 = 0x1.921fb544p+0, half_pi_2 = 0x1.0b4611a6p-34, half_pi_3 = 0x1.3198a2e037073p-69;
   constexpr double round_to_int = 0x1.8p+52;
 
   const Vec shifted = angle * two_over_pi + round_to_int;
   const IntVec quadrant = bits(shifted);
   const Vec k = shifted - round_to_int;
-
+#if defined(PIEPER_FUSED)
+  constexpr double half_pi_1 = 0x1.921fb54442d18p+0, half_pi_2 = 0x1.1a626331p-54, half_pi_3 = 0x1.1701b839a252p-88;
+  const Vec coarse = angle - k * half_pi_1;
+  const Vec r = coarse - k * half_pi_2;
+  const Vec e = ((coarse - r) - k * half_pi_2) - k * half_pi_3;
+#else
+  constexpr double half_pi_1 = 0x1.921fb544p+0, half_pi_2 = 0x1.0b4611a6p-34, half_pi_3 = 0x1.3198a2e037073p-69;
   const Vec coarse = angle - k * half_pi_1;
   const Vec second = k * half_pi_2;
   const Vec fine = coarse - second;
   const Vec lost = (coarse - fine) - second - k * half_pi_3;
   const Vec r = fine + lost;
   const Vec e = (fine - r) + lost;
+#endif
 
-  const Vec z = r * r;
+  const Vec z = r * r + r * (e + e);  // (r + e)^2
   Vec p = splat(0x1.5d8fa7fd5c9d2p-33);
   p = p * z - 0x1.ae5e594b78a4cp-26;
   p = p * z + 0x1.71de3564d2b7bp-19;
@@ -45,17 +57,18 @@ inline void sincos_reduced(Vec angle, Vec& sine, Vec& cosine) {
   q = q * z - 0x1.6c16c16c1504bp-10;
   q = q * z + 0x1.555555555554bp-5;
 
-  // sin(r + e) = r + (r z P + e (1 - z/2)), cos(r + e) = (1 - z/2) + (rounding of it + z^2 Q - r e)
-  const Vec half = 0.5 * z;
-  const Vec s = r + (r * z * p + (e - e * half));
-  const Vec top = 1.0 - half;
-  const Vec c = top + (((1.0 - top) - half) + (z * z * q - r * e));
+  const Vec s = r + (r * z * p + e);
+#if defined(PIEPER_FUSED)
+  const Vec c = 1.0 + z * (z * q - 0.5);
+#else
+  const Vec half = 0.5 * z, top = 1.0 - half;
+  const Vec c = top + (((1.0 - top) - half) + z * z * q);
+#endif
 
-  const IntVec swap = -(quadrant & 1);
-  const IntVec sine_sign = (quadrant & 2) << 62;
-  const IntVec cosine_sign = ((quadrant + 1) & 2) << 62;
-  sine = from_bits(bits(select(swap, c, s)) ^ sine_sign);
-  cosine = from_bits(bits(select(swap, s, c)) ^ cosine_sign);
+  const IntVec sine_sign = (quadrant << 62) & INT64_MIN;
+  const IntVec cosine_sign = ((quadrant + 1) << 62) & INT64_MIN;
+  sine = from_bits(bits(select_odd(quadrant, c, s)) ^ sine_sign);
+  cosine = from_bits(bits(select_odd(quadrant, s, c)) ^ cosine_sign);
 }
 
 // Any finite angle.
