@@ -6,6 +6,9 @@ NB_MODULE(kernels, module) {
   using namespace pieper::bind;
   module.doc() = "Compiled kernels. Arguments are plain arrays that pieper has checked.";
 
+  // Chains kept in caches outlive the module at exit; that is no leak worth a page of text.
+  nb::set_leak_warnings(false);
+
   nb::enum_<pieper::JacobianKind>(module, "JacobianKind")
       .value("geometric", pieper::JacobianKind::geometric)
       .value("space", pieper::JacobianKind::space)

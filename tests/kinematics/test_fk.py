@@ -93,7 +93,9 @@ def random_chains(draw):
     """Chains of 0 to 9 axes whose neighbours are often parallel, anti-parallel, coincident, nearly so, or sliding."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     screws, direction, point = [], np.array([0.0, 0.0, 1.0]), np.zeros(3)
-    for kind in draw(st.lists(st.sampled_from(["any", "same", "opposite", "near", "square", "here", "slide"]), max_size=9)):
+    for kind in draw(
+        st.lists(st.sampled_from(["any", "same", "opposite", "near", "square", "here", "slide"]), max_size=9)
+    ):
         if kind in ("any", "slide", "here"):
             direction = unit(rng.normal(size=3))
         elif kind == "opposite":
@@ -195,7 +197,14 @@ def test_whole_turns_change_nothing_but_rounding(turns, instruction_set):
 
 @pytest.mark.parametrize(
     "convert",
-    [list, tuple, lambda q: q.tolist(), np.asfortranarray, lambda q: q.astype(object).tolist(), lambda q: q[::1].copy()[:]],
+    [
+        list,
+        tuple,
+        lambda q: q.tolist(),
+        np.asfortranarray,
+        lambda q: q.astype(object).tolist(),
+        lambda q: q[::1].copy()[:],
+    ],
 )
 def test_takes_what_numpy_takes(convert):
     arm = pieper.load("ur5e")

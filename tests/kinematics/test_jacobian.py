@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pieper
-from pieper._native import kernels
 from pieper.errors import ArrayError
 from pieper.kinematics.fk import fk
 from pieper.kinematics.jacobian import (
@@ -79,7 +78,9 @@ def test_any_chain_equals_the_derivative_of_its_pose(arm, seed):
         scale = 1.0 + np.abs(T).max() + np.abs(arm.screws).max()
         assert np.abs(twist.log(forward @ np.linalg.inv(back)) / (2 * h) - space[:, i]).max() < DERIVATIVE * scale**2
         assert np.abs((forward - back)[:3, 3] / (2 * h) - geometric[:3, i]).max() < DERIVATIVE * scale**2
-    assert np.abs(twist.adjoint(T) @ body - space).max(initial=0) < SAME_JACOBIAN * (1 + np.abs(space).max(initial=0)) * 10
+    assert (
+        np.abs(twist.adjoint(T) @ body - space).max(initial=0) < SAME_JACOBIAN * (1 + np.abs(space).max(initial=0)) * 10
+    )
     assert np.array_equal(geometric[3:], space[3:]) or np.abs(geometric[3:] - space[3:]).max() < SAME_JACOBIAN
 
 

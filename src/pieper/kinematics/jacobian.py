@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pieper._native.kernels import JacobianKind
+from pieper._native import kernels
 from pieper.errors import ArrayError
 from pieper.kinematics.fk import _as_threads
 from pieper.kinematics.joints import as_joints, as_out
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from pieper.model.chain import Chain
 
-_GEOMETRIC, _SPACE, _BODY = JacobianKind.geometric, JacobianKind.space, JacobianKind.body
+_Kind = kernels.JacobianKind
 
 
 def jacobian(
@@ -62,9 +62,9 @@ def jacobian(
     array([0.   , 0.895, 0.   , 0.   , 0.   , 1.   ])
     """
     try:
-        return chain.native.jacobian(q, _GEOMETRIC, out, threads)
+        return chain.native.jacobian(q, _Kind.geometric, out, threads)
     except TypeError:
-        return _converted(chain, q, _GEOMETRIC, out, threads)
+        return _converted(chain, q, _Kind.geometric, out, threads)
 
 
 def jacobian_space(
@@ -75,9 +75,9 @@ def jacobian_space(
     Parameters and errors as for `jacobian`. Returns (..., 6, n), a twist in the base frame.
     """
     try:
-        return chain.native.jacobian(q, _SPACE, out, threads)
+        return chain.native.jacobian(q, _Kind.space, out, threads)
     except TypeError:
-        return _converted(chain, q, _SPACE, out, threads)
+        return _converted(chain, q, _Kind.space, out, threads)
 
 
 def jacobian_body(
@@ -88,13 +88,13 @@ def jacobian_body(
     Parameters and errors as for `jacobian`. Returns (..., 6, n), a twist in the tip frame.
     """
     try:
-        return chain.native.jacobian(q, _BODY, out, threads)
+        return chain.native.jacobian(q, _Kind.body, out, threads)
     except TypeError:
-        return _converted(chain, q, _BODY, out, threads)
+        return _converted(chain, q, _Kind.body, out, threads)
 
 
 def _converted(
-    chain: Chain, q: ArrayLike, kind: JacobianKind, out: NDArray[np.float64] | None, threads: int
+    chain: Chain, q: ArrayLike, kind: kernels.JacobianKind, out: NDArray[np.float64] | None, threads: int
 ) -> NDArray[np.float64]:
     values = as_joints(chain, q)
     if out is not None:

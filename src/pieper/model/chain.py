@@ -21,7 +21,7 @@ from pieper.errors import ArrayError, unknown_name
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from pieper._native.kernels import NativeChain
+    from pieper._native import kernels
 
 FloatArray = NDArray[np.float64]
 
@@ -288,11 +288,11 @@ class Chain:
         )
 
     @cached_property
-    def native(self) -> NativeChain:
+    def native(self) -> kernels.NativeChain:
         """The chain in the form that the compiled kernels take; made once."""
-        from pieper._native.kernels import NativeChain
+        from pieper._native import kernels
 
-        return NativeChain(self.screws, self.home, self.coupling, self.limits)
+        return kernels.NativeChain(self.screws, self.home, self.coupling, self.limits)
 
     def __getstate__(self) -> dict[str, Any]:
         return {k: v for k, v in self.__dict__.items() if k != "native"}
