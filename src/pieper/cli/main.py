@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pieper.cli import convert, fk, info, robots
+from pieper.cli import convert, fk, ik, info, reach, robots
 from pieper.errors import MissingExtraError, PieperError, PieperWarning
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _verb in (robots, info, fk, convert):
+for _verb in (robots, info, fk, ik, reach, convert):
     app.command()(getattr(_verb, _verb.__name__.rpartition(".")[2]))
 
 

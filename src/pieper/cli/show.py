@@ -24,29 +24,35 @@ def console() -> Console:
 
 
 def print_table(out: Console, headings: Sequence[str], rows: Iterable[Sequence[str]], *, title: str = "") -> None:
-    """Print rows under headings, two spaces apart; a heading that begins with ``>`` is of a column set to the right.
+    """Print rows under headings, see `table_lines`."""
+    if title:
+        out.print(title, style="bold", markup=False)
+    for line_number, line in enumerate(table_lines(headings, rows, out.width)):
+        out.print(line, style=None if line_number else "dim", markup=False, no_wrap=True, overflow="ignore", crop=False)
+
+
+def table_lines(headings: Sequence[str], rows: Iterable[Sequence[str]], width: int = 80) -> list[str]:
+    """Rows under headings, two spaces apart; a heading that begins with ``>`` is of a column set to the right.
 
     Nothing is cut: only the last column, if it is set to the left, is wrapped to the width of the screen.
+
+    >>> for line in table_lines(["joint", ">deg"], [["elbow", "90.0"], ["wrist_1", "-5.0"]]):
+    ...     print(line)
+    joint     deg
+    elbow    90.0
+    wrist_1  -5.0
     """
     cells = [[heading.removeprefix(">") for heading in headings], *rows]
     widths = [max(len(row[k]) for row in cells) for k in range(len(headings))]
     right = [heading.startswith(">") for heading in headings]
     start = sum(widths[:-1]) + 2 * (len(widths) - 1)
-    if title:
-        out.print(title, style="bold", markup=False)
-    for line_number, row in enumerate(cells):
+    lines = []
+    for row in cells:
         parts = [text.rjust(w) if r else text.ljust(w) for text, w, r in zip(row, widths, right, strict=True)]
-        lines = [parts[-1]] if right[-1] else wrap(row[-1], max(20, out.width - start)) or [""]
-        out.print(
-            "  ".join([*parts[:-1], lines[0]]).rstrip(),
-            style=None if line_number else "dim",
-            markup=False,
-            no_wrap=True,
-            overflow="ignore",
-            crop=False,
-        )
-        for line in lines[1:]:
-            out.print(" " * start + line, markup=False)
+        last = [parts[-1]] if right[-1] else wrap(row[-1], max(20, width - start)) or [""]
+        lines.append("  ".join([*parts[:-1], last[0]]).rstrip())
+        lines += [" " * start + more for more in last[1:]]
+    return lines
 
 
 def print_json(value: dict[str, Any]) -> None:
@@ -90,14 +96,14 @@ def numbers(values: Iterable[float], digits: int = 6, width: int = 0) -> str:
 
 
 def small(value: float, unit: str) -> str:
-    """An error as a person reads it: two figures.
+    """An error as a person reads it: three figures at most.
 
-    >>> small(3.14e-13, "m"), small(0.0, "m"), small(0.0512, "m")
-    ('3.1e-13 m', '0 m', '0.051 m')
+    >>> small(3.14e-13, "m"), small(0.0, "m"), small(1.03712, "m")
+    ('3.14e-13 m', '0 m', '1.04 m')
     """
     if not math.isfinite(value):
         return "-"
-    return f"{value:.2g} {unit}"
+    return f"{value:.3g} {unit}"
 
 
 def gauge(value: float, lower: float, upper: float, width: int = 13) -> str:
