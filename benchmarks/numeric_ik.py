@@ -4,7 +4,7 @@ Joint values are drawn evenly between the limits of each built-in arm with six o
 are the targets. Every solver gets the same poses, one call each, from its own cold start (TRAC-IK wants a start and gets
 the joint values of another pose). An answer counts when the judge, a separate forward kinematics, finds position [m]
 and rotation [rad] both within the tolerance and every joint within its limits to 1e-8 rad. Time is processor time of the
-call, all threads together.
+call, all threads together; what a solver prepares on its first call is told apart.
 
     python benchmarks/numeric_ik.py [--poses 10000] [--arms ur5e franka_panda ...] [--solvers pieper ...]
 
@@ -118,10 +118,13 @@ def measure(arm: arms.Arm, build: Callable[[arms.Arm], Solve], poses: int) -> di
     q = arm.sample(poses)
     targets = arm.forward(q)
     starts = arm.sample(poses, seed=1)
+    before = time.process_time_ns()
     solve = build(arm)
+    built = time.process_time_ns()
+    solve(targets[0], starts[0])
+    first = time.process_time_ns()
     answers = np.full((poses, arm.dof), np.nan)
     microseconds = np.empty(poses)
-    solve(targets[0], starts[0])
     for i, (T, start) in enumerate(zip(targets, starts, strict=True)):
         before = time.process_time_ns()
         answer = solve(T, start)
@@ -140,6 +143,8 @@ def measure(arm: arms.Arm, build: Callable[[arms.Arm], Solve], poses: int) -> di
         "median_us": float(np.median(microseconds)),
         "mean_us": float(microseconds.mean()),
         "p99_us": float(np.percentile(microseconds, 99)),
+        "set_up_ms": (built - before) * 1e-6,
+        "first_call_ms": (first - built) * 1e-6,
     }
 
 

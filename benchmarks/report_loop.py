@@ -13,6 +13,7 @@ has to give the same angles, and our solver from the same start, to 1e-9 m.
 
 import argparse
 import json
+import statistics
 import time
 
 import paired
@@ -72,10 +73,94 @@ def report(symbolic: Symbolic, target: np.ndarray, iterations: int) -> tuple[np.
     return theta, seconds
 
 
+def same_rule(arm: object, target: np.ndarray, iterations: int) -> np.ndarray:
+    """The same rule with our forward kinematics and Jacobian."""
+    theta, T, J = np.zeros(arm.dof), np.empty((4, 4)), np.empty((6, arm.dof))
+    for _ in range(iterations):
+        arm.fk(theta, out=T)
+        arm.jacobian(theta, out=J)
+        theta = step(theta, T[:3, 3], J[:3], target)
+    return theta
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--iterations", type=int, default=5, help="of the SymPy loop; the others are extrapolated")
+    parser.add_argument("--full", action="store_true", help="run all of them")
+    parser.add_argument("--rounds", type=int, default=21)
+    options = parser.parse_args()
+    paired.pin_to_one_core()
+    iterations = ITERATIONS if options.full else options.iterations
+
+    import pieper
+    from pieper.ik.target import ignore_orientation
+
+    symbolic = Symbolic(json.loads((arms.TABLES / "mh12-report.json").read_text()))
+    target = TARGET + SHIFT
+    theta, seconds = report(symbolic, target, iterations)
+    sympy_loop = sum(seconds) + statistics.median(seconds) * (ITERATIONS - iterations)
+
+    five, six = pieper.load("mh12-report"), pieper.load("mh12")
+    difference = float(np.abs(same_rule(five, target, iterations) - theta).max())
+    assert difference < 1e-12
+    last = same_rule(five, target, ITERATIONS)
+    goals = {
+        "the report's five joints": (five, ignore_orientation(target)),
+        "all six": (six, ignore_orientation(TARGET)),
+    }
+    judge = arms.load("yaskawa_mh12")
+    for arm, goal in goals.values():
+        answer = arm.ik(goal)
+        assert answer.valid.any()
+        assert answer.position_error[answer.valid].max() <= PRECISION
+    found = judge.forward(six.ik(goals["all six"][1]).q[:1])[0, :3, 3]
+    assert np.linalg.norm(found - TARGET) <= PRECISION
+
+    zeros = {name: np.zeros(arm.dof) for name, (arm, _) in goals.items()}
+    statements = {
+        "the same rule with our kernels, 255 steps": (
+            "loop(arm, p, n)",
+            {"loop": same_rule, "arm": five, "p": target, "n": ITERATIONS},
+        ),
+    }
+    for name, (arm, goal) in goals.items():
+        names = {"arm": arm, "goal": goal, "zeros": zeros[name]}
+        statements[f"pieper, to 1e-9 m, {name}, from zero angles"] = ("arm.ik(goal, seed=zeros)", names)
+        statements[f"pieper, to 1e-9 m, {name}, no starting angles"] = ("arm.ik(goal)", names)
+    timed = paired.calls_in_turn(statements, rounds=options.rounds)
+
+    error = np.linalg.norm(target - five.fk(last)[:3, 3])
+    measured = "all measured" if options.full else f"{iterations} measured, the rest extrapolated from their median"
+    rows = [
+        {"name": f"SymPy loop, {ITERATIONS} steps", "nanoseconds": {"median": sympy_loop * 1e9}, "remark": measured}
+    ]
+    for name, values in timed.items():
+        remark = f"leaves {error:.1e} m, as the report's does" if "rule" in name else "position only"
+        rows.append(
+            {"name": name, "nanoseconds": paired.quartiles([value * 1e9 for value in values]), "remark": remark}
+        )
+    ratios = {f"SymPy loop / {name}": sympy_loop / statistics.median(values) for name, values in timed.items()}
+    for row in rows:
+        print(f"{row['name']:60} {row['nanoseconds']['median'] / 1e9:14.9f} s   {row['remark']}")
+    for name, value in ratios.items():
+        print(f"{name:75} {value:12.0f}")
+    print(
+        f"angles after {iterations} steps differ by {difference:.1e} rad; after {ITERATIONS}: {last.round(6).tolist()}"
+    )
+    results.save(
+        "report_loop",
+        method="one thread, processor time; SymPy's expressions are written straight from the screws and not simplified, which "
+        "is quicker than what the report describes",
+        packages=["sympy"],
+        rows=results.rounded(rows),
+        ratios=results.rounded(ratios),
+        sympy_seconds_per_step=results.rounded(paired.quartiles(seconds)),
+        sympy_steps_measured=iterations,
+        steps_compared=iterations,
+        largest_difference_rad=difference,
+        theta_after_255=last.tolist(),
+    )
+
+
 if __name__ == "__main__":
-    table = json.loads((arms.TABLES / "mh12-report.json").read_text())
-    t = time.process_time()
-    s = Symbolic(table)
-    print("build", time.process_time() - t)
-    theta, sec = report(s, TARGET + SHIFT, 5)
-    print(theta, sec)
+    main()

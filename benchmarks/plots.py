@@ -1,0 +1,187 @@
+"""Pictures of the measurements in results/, written to docs/images/.
+
+    python benchmarks/plots.py
+
+Colours are those of Okabe and Ito, which stay apart for colour-blind readers; every colour has a label or a marker of
+its own as well. The background is a card of its own, so that the pictures read the same on light and dark pages.
+"""
+
+import math
+import pathlib
+from collections.abc import Callable
+
+import matplotlib as mpl
+import results
+from matplotlib import pyplot as plt
+from matplotlib.lines import Line2D
+from matplotlib.ticker import NullLocator
+
+IMAGES = results.HERE.parent / "docs" / "images"
+INK, FAINT, CARD = "#1f2328", "#8b949e", "#fbfbfa"
+OURS, YARDSTICK, OTHERS = "#0072b2", "#009e73", "#b8bec6"
+SOLVERS = {  # how a solver's name begins: label, colour, marker
+    "pieper": ("pieper", "#0072b2", "o"),
+    "Robotics Toolbox": ("Robotics Toolbox", "#d55e00", "s"),
+    "Pinocchio": ("Pinocchio, loop in Python", "#009e73", "^"),
+    "TRAC-IK, eps 1e-10, 5 ms": ("TRAC-IK, eps 1e-10, 5 ms", "#cc79a7", "D"),
+}
+
+mpl.rcParams.update(
+    {
+        "figure.facecolor": CARD,
+        "axes.facecolor": CARD,
+        "savefig.facecolor": CARD,
+        "font.family": "sans-serif",
+        "font.size": 10,
+        "text.color": INK,
+        "axes.labelcolor": INK,
+        "xtick.color": INK,
+        "ytick.color": INK,
+        "axes.edgecolor": FAINT,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.titlesize": 11,
+        "axes.titleweight": "bold",
+        "axes.titlelocation": "left",
+        "svg.fonttype": "path",
+        "svg.hashsalt": "pieper",
+    }
+)
+
+
+def time_text(nanoseconds: float) -> str:
+    """Three digits and a unit."""
+    for unit, size in (("ns", 1.0), ("µs", 1e3), ("ms", 1e6), ("s", 1e9)):
+        if nanoseconds < 999.5 * size or unit == "s":
+            value = nanoseconds / size
+            return (
+                f"{value:.{0 if value >= 99.5 else 1 if value >= 9.95 else 2}f}".replace(".00", "").replace(".0", "")
+                + f" {unit}"
+            )
+    raise AssertionError
+
+
+def bars(axes: plt.Axes, rows: list[tuple[str, float, str]]) -> None:
+    """Horizontal bars of nanoseconds on a logarithmic scale, quickest on top: label, value, colour."""
+    rows = sorted(rows, key=lambda row: row[1])
+    heights = range(len(rows))
+    axes.barh(heights, [row[1] for row in rows], color=[row[2] for row in rows], height=0.66)
+    axes.set_xscale("log")
+    axes.set_yticks(heights, [row[0] for row in rows])
+    axes.invert_yaxis()
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
+    lowest, highest = rows[0][1], rows[-1][1]
+    axes.set_xlim(10 ** math.floor(math.log10(lowest) - 0.2), highest * 5)
+    axes.xaxis.set_major_formatter(lambda value, _: time_text(value))
+    axes.xaxis.set_minor_locator(NullLocator())
+    for height, (_, value, _) in zip(heights, rows, strict=True):
+        axes.annotate(time_text(value), (value, height), (4, 0), textcoords="offset points", va="center", fontsize=9)
+    for label, row in zip(axes.get_yticklabels(), rows, strict=True):
+        if row[2] == OURS:
+            label.set_fontweight("bold")
+
+
+def headline(figure: plt.Figure, text: str) -> None:
+    """A title over the whole width."""
+    figure.suptitle(text, x=0.012, ha="left", fontsize=11, fontweight="bold")
+    figure.tight_layout()
+
+
+def medians(rows: list[dict]) -> dict[str, float]:
+    return {row["name"]: row["nanoseconds"]["median"] for row in rows}
+
+
+def forward_kinematics(data: dict) -> plt.Figure:
+    """A million configurations, one thread."""
+    found = medians(data["rows"])
+    straight = min(value for name, value in found.items() if name.startswith("straight") and "nominal, output" in name)
+    rows = [("straight-line C++ for this arm, output reused", straight, YARDSTICK)]
+    rows += [
+        ("pieper, output reused", found["pieper, nominal, output reused"], OURS),
+        ("pieper, new output", found["pieper, nominal, new output"], OURS),
+    ]
+    skipped = ("pieper", "straight")
+    rows += [(name, value, OTHERS) for name, value in found.items() if not name.startswith(skipped)]
+    figure, axes = plt.subplots(figsize=(8, 3.1))
+    bars(axes, rows)
+    headline(figure, "Forward kinematics of a million configurations (UR5e), time for each")
+    return figure
+
+
+def single_call(data: dict) -> plt.Figure:
+    """One call from Python."""
+    titles = {"forward_kinematics": "One forward kinematics from Python", "jacobian": "One Jacobian from Python"}
+    counts = [len(data[key]["rows"]) for key in titles]
+    figure, panels = plt.subplots(len(titles), 1, figsize=(8, 5.2), height_ratios=counts)
+    for axes, (key, title) in zip(panels, titles.items(), strict=True):
+        found = medians(data[key]["rows"])
+        bars(axes, [(name, value, OURS if name.startswith("pieper") else OTHERS) for name, value in found.items()])
+        axes.set_title(title)
+    figure.tight_layout()
+    return figure
+
+
+def numeric_ik(data: dict) -> plt.Figure:
+    """How often a solver misses, and how long it takes, arm by arm."""
+    names = list(dict.fromkeys(row["arm"] for row in sorted(data["rows"], key=lambda row: (row["dof"], row["arm"]))))
+    place = {name: i for i, name in enumerate(names)}
+    figure, (left, right) = plt.subplots(1, 2, sharey=True, figsize=(9, 0.3 * len(names) + 1.6))
+    shift = {begin: 0.18 * (i - (len(SOLVERS) - 1) / 2) for i, begin in enumerate(SOLVERS)}
+    handles = []
+    for begin, (label, colour, marker) in SOLVERS.items():
+        rows = [row for row in data["rows"] if row["solver"].startswith(begin)]
+        style = {"color": colour, "marker": marker, "linestyle": "none", "markersize": 4.5}
+        for row in rows:
+            y = place[row["arm"]] + shift[begin]
+            left.plot(max(1 - row["success"]["1e-09"], 5e-5), y, **style)
+            if row["success"]["1e-06"] - row["success"]["1e-09"] > 0.01:
+                left.plot(max(1 - row["success"]["1e-06"], 5e-5), y, **style, markerfacecolor=CARD)
+            right.plot([row["median_us"], row["p99_us"]], [y, y], color=colour, linewidth=1.2, alpha=0.7)
+            right.plot(row["median_us"], y, **style)
+        if rows:
+            handles.append(Line2D([], [], **style, label=label))
+    handles.append(
+        Line2D([], [], color=FAINT, marker="D", linestyle="none", markerfacecolor=CARD, label="same, to 1e-6")
+    )
+    left.axvline(1e-3, color=FAINT, linewidth=1, linestyle=":")
+    left.set_xscale("log")
+    left.set_xlim(3.2e-5, 1.6)
+    left.set_xticks([5e-5, 1e-3, 1e-2, 1e-1, 1], ["none", "0.1 %", "1 %", "10 %", "all"])
+    left.set_yticks(range(len(names)), names)
+    left.set_ylim(len(names) - 0.4, -0.6)
+    left.set_title("Poses missed (to 1e-9 m and rad)")
+    right.set_xscale("log")
+    right.xaxis.set_major_formatter(lambda value, _: time_text(value * 1e3))
+    right.set_title("Time, from median to 99th percentile")
+    for axes in (left, right):
+        axes.xaxis.set_minor_locator(NullLocator())
+        axes.tick_params(axis="y", length=0)
+        axes.hlines([i + 0.5 for i in range(len(names) - 1)], *axes.get_xlim(), color=FAINT, alpha=0.25, linewidth=0.6)
+    figure.legend(handles=handles, loc="lower center", ncols=len(handles), frameon=False, fontsize=9, handletextpad=0.2)
+    figure.tight_layout(rect=(0, 0.32 / figure.get_figheight(), 1, 1))
+    return figure
+
+
+PICTURES: dict[str, Callable[[dict], plt.Figure]] = {
+    "forward_kinematics": forward_kinematics,
+    "single_call": single_call,
+    "numeric_ik": numeric_ik,
+}
+
+
+def main() -> None:
+    IMAGES.mkdir(parents=True, exist_ok=True)
+    for question, draw in PICTURES.items():
+        if not (results.RESULTS / f"{question}.json").exists():
+            print(f"no results for {question}")
+            continue
+        figure = draw(results.load(question))
+        path: pathlib.Path = IMAGES / f"benchmark_{question}.svg"
+        figure.savefig(path, metadata={"Date": None})
+        plt.close(figure)
+        print(path)
+
+
+if __name__ == "__main__":
+    main()
