@@ -178,24 +178,27 @@ def _how(robot: Arm, target: Target, start: NDArray[np.float64]) -> str:
     for steps in range(1, _STEPS + 1):
         if _first_start(robot, target, start, steps).reached:
             return f"in {steps} step{'s' * (steps > 1)} from the start"
-    return "from another starting point; from the first one the arm comes to rest elsewhere"
+    return "from another starting point; the first one got stuck"
 
 
 def _animate(out: Console, robot: Arm, target: Target, start: NDArray[np.float64]) -> None:
-    """Show the arm after each step from the first starting point."""
+    """Show the arm after each step from the first starting point; where lines cannot be drawn again, its errors only."""
     from rich.live import Live
     from rich.text import Text
 
     with Live(console=out, auto_refresh=False, transient=True) as live:
         for steps in range(_STEPS + 1):
-            if steps == 0:
-                q, left = start, ""
-            else:
+            q, errors, reached = start, "", False
+            if steps:
                 answers = _first_start(robot, target, start, steps)
-                q = answers.q[0] if answers.reached else answers.nearest.q
-                left = "position {} m, orientation {} rad".format(*(f"{error:.1e}" for error in _errors(answers)))
-            lines = _arm_lines(robot, q, out.width)
-            live.update(Text("\n".join([*lines, "", f"step {steps:2d}   {left}"])), refresh=True)
-            if steps and answers.reached:
+                reached = bool(answers.reached)
+                q = answers.q[0] if reached else answers.nearest.q
+                errors = "position {:.1e} m, orientation {:.1e} rad".format(*_errors(answers))
+            line = f"step {steps:2d}  {errors}".rstrip()
+            if out.is_terminal:
+                live.update(Text("\n".join([*_arm_lines(robot, q, out.width), "", line])), refresh=True)
+                time.sleep(_FRAME_SECONDS)
+            else:
+                out.print(line, markup=False)
+            if reached:
                 break
-            time.sleep(_FRAME_SECONDS)

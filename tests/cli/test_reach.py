@@ -1,0 +1,153 @@
+"""``pieper reach`` and ``pieper ik``: the answer, its errors, and the exit code."""
+
+import numpy as np
+import pytest
+
+import pieper
+from pieper.spatial import rotation
+from tests.robots import NAMES
+
+REACHED = 1e-9  # [m, rad] the solver's own tolerance
+AS_PRINTED = 1e-12  # [m] a pose computed again from joint values that went through text in full
+
+
+def reachable(name: str) -> np.ndarray:
+    """A pose that the arm surely reaches: that of the middle of its limits, a little to one side."""
+    arm = pieper.load(name)
+    limits = np.where(np.isfinite(arm.limits), arm.limits, [-np.pi, np.pi])
+    return arm.fk(limits.mean(axis=1) + 0.1 * np.arange(1, arm.dof + 1) / arm.dof)
+
+
+def test_the_report_target(pieper_command) -> None:
+    result = pieper_command("reach", "mh12", 0.3, 0.3, 0.3, "--json")
+    assert result.code == 0
+    answer = result.json
+    assert answer["reached"] is True
+    assert answer["status"] == "reached"
+    assert answer["nearest"] is None
+    assert answer["position_error"] <= REACHED
+    T = pieper.load("mh12").fk(answer["q"])
+    np.testing.assert_allclose(T[:3, 3], [0.3, 0.3, 0.3], atol=REACHED)
+    np.testing.assert_allclose(answer["position"], T[:3, 3], atol=AS_PRINTED)
+    np.testing.assert_allclose(rotation.from_quaternion(answer["quaternion_xyzw"]), T[:3, :3], atol=AS_PRINTED)
+    assert min(answer["margin"]) > 0.0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_robot_reaches_a_pose_of_its_own(pieper_command, name: str) -> None:
+    T = reachable(name)
+    quaternion = rotation.as_quaternion(T[:3, :3])
+    result = pieper_command("reach", name, *T[:3, 3], "--quat", *quaternion, "--json")
+    assert result.code == 0
+    np.testing.assert_allclose(pieper.load(name).fk(result.json["q"]), T, atol=10 * REACHED)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_text_fits_80_columns_and_one_screen(pieper_command, name: str) -> None:
+    T = reachable(name)
+    result = pieper_command("reach", name, *T[:3, 3], "--rpy", *rotation.as_rpy(T[:3, :3]))
+    lines = result.out.splitlines()
+    assert max(map(len, lines)) <= 80, max(lines, key=len)
+    assert len(lines) <= 24
+    assert result.code == 0
+    assert lines[-1].startswith("reached")
+
+
+def test_ways_to_ask_for_an_orientation(pieper_command) -> None:
+    target = ("ur5e", -0.4, 0.2, 0.3)
+    rpy = pieper_command("reach", *target, "--rpy", -3.0, 0.1, -0.2, "--json").json
+    degrees = pieper_command("reach", *target, "--rpy", *np.degrees([-3.0, 0.1, -0.2]), "--deg", "--json").json
+    quaternion = rotation.as_quaternion(rotation.from_rpy([-3.0, 0.1, -0.2]))
+    quat = pieper_command("reach", *target, "--quat", *quaternion, "--json").json
+    for answer in (rpy, degrees, quat):
+        R = rotation.from_quaternion(answer["quaternion_xyzw"])
+        np.testing.assert_allclose(R, rotation.from_rpy([-3.0, 0.1, -0.2]), atol=10 * REACHED)
+    axis = pieper_command("reach", *target, "--axis", 0, 0, -2, "--json").json
+    R = rotation.from_quaternion(axis["quaternion_xyzw"])
+    np.testing.assert_allclose(R[:, 2], [0.0, 0.0, -1.0], atol=10 * REACHED)
+    assert axis["target"]["axis"] == [0.0, 0.0, -2.0]
+
+
+def test_out_of_reach_is_code_1_with_the_distance(pieper_command) -> None:
+    result = pieper_command("reach", "mh12", 3, 0, 0.45, "--json")
+    assert result.code == 1
+    answer = result.json
+    assert answer["reached"] is False
+    assert answer["status"] == "unreachable"
+    assert answer["nearest"]["out_of_reach"] == pytest.approx(answer["position_error"])
+    tip = pieper.load("mh12").fk(answer["q"])[:3, 3]
+    assert np.linalg.norm(tip - [3, 0, 0.45]) == pytest.approx(answer["position_error"], abs=AS_PRINTED)
+    shown = pieper_command("reach", "mh12", 3, 0, 0.45)
+    assert shown.code == 1
+    assert "not reached  out of reach by " in shown.out
+    assert pieper_command("ik", "mh12", 3, 0, 0.45).code == 1
+
+
+def test_a_seed_chooses_the_answer(pieper_command) -> None:
+    arm = pieper.load("ur5e")
+    q = np.array([0.1, -1.2, 1.4, -1.7, -1.5, 0.3])
+    T = arm.fk(q)
+    target = ("ur5e", *T[:3, 3], "--quat", *rotation.as_quaternion(T[:3, :3]))
+    seed = ",".join(str(value) for value in q + 0.05)
+    answer = pieper_command("reach", *target, "--seed", seed, "--json").json
+    np.testing.assert_allclose(
+        answer["q"], q, atol=1e-6
+    )  # well conditioned: 1e-9 of pose is far less than 1e-6 of joint
+    seed = " ".join(str(value) for value in np.degrees(q - 0.05))
+    answer = pieper_command("reach", *target, "--seed", seed, "--deg", "--json").json
+    np.testing.assert_allclose(answer["q"], q, atol=1e-6)
+    answers = pieper_command("ik", *target, "--seed", seed, "--deg", "--json").json["answers"]
+    np.testing.assert_allclose(answers[0]["q"], q, atol=1e-6)
+
+
+def test_ik_lists_answers_that_differ(pieper_command) -> None:
+    target = ("ur5e", 0.4, 0.2, 0.3, "--rpy", 180, 0, 0, "--deg")
+    answer = pieper_command("ik", *target, "--json").json
+    assert len(answer["answers"]) == 8
+    assert answer["complete"] is False
+    arm = pieper.load("ur5e")
+    for one in answer["answers"]:
+        T = arm.fk(one["q"])
+        np.testing.assert_allclose(T[:3, 3], [0.4, 0.2, 0.3], atol=10 * REACHED)
+        assert one["within_limits"]
+    q = np.array([one["q"] for one in answer["answers"]])
+    apart = np.abs(q[:, None] - q[None]).max(axis=-1) + 10.0 * np.eye(8)
+    assert apart.min() > 1e-3
+    shown = pieper_command("ik", *target)
+    assert max(map(len, shown.out.splitlines())) <= 80
+    assert f"{np.degrees(q[0, 0]):.4f}" in shown.out
+    assert len(pieper_command("ik", *target, "--count", 2, "--json").json["answers"]) == 2
+
+
+def test_steps_are_shown_on_request_only(pieper_command, monkeypatch: pytest.MonkeyPatch) -> None:
+    from pieper.cli import reach
+
+    monkeypatch.setattr(reach, "_FRAME_SECONDS", 0.0)
+    assert "step" not in pieper_command("reach", "mh12", 0.3, 0.3, 0.3).out.replace("steps from", "")
+    lines = pieper_command("reach", "mh12", 0.3, 0.3, 0.3, "--animate").out.splitlines()
+    assert [line.split()[:2] for line in lines if line.startswith("step")][:3] == [["step", str(k)] for k in range(3)]
+    result = pieper_command("reach", "mh12", 3, 3, 3, "--animate")
+    assert result.code == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["reach", "mh12", 0.3, 0.3], "Missing argument 'Z'"),
+        (["reach", "mh12", 0.3, 0.3, "nan"], "finite"),
+        (["reach", "mh12", 0.3, 0.3, 0.3, "--rpy", 1, 2], "--rpy"),
+        (["reach", "mh12", 0.3, 0.3, 0.3, "--rpy", 0, 0, 0, "--axis", 0, 0, 1], "--rpy and --axis"),
+        (["reach", "mh12", 0.3, 0.3, 0.3, "--quat", 0, 0, 0, 0], "quaternion"),
+        (["reach", "mh12", 0.3, 0.3, 0.3, "--axis", 0, 0, 0], "length 0"),
+        (["reach", "mh12", 0.3, 0.3, 0.3, "--seed", "1,2"], "6 joints"),
+        (["reach", "mh12", 0.3, 0.3, 0.3, "--seed", "a,b"], "--seed must be numbers"),
+        (["reach", "mh12", 0.3, 0.3, 0.3, "--seed", "nan,0,0,0,0,0"], "finite"),
+        (["ik", "mh12", 0.3, 0.3, 0.3, "--count", 0], "--count"),
+    ],
+)
+def test_bad_targets_are_code_2(pieper_command, arguments, complaint: str) -> None:
+    result = pieper_command(*arguments)
+    assert result.code == 2
+    assert result.out == ""
+    assert complaint in result.err
+    assert result.err.count("\n") == 1
