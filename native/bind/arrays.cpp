@@ -15,18 +15,21 @@ nb::handle numpy_empty() {
   return empty;
 }
 
-nb::object new_array(const std::vector<Py_ssize_t>& leading, std::initializer_list<std::size_t> inner) {
-  PyObject* shape = PyTuple_New(static_cast<Py_ssize_t>(leading.size() + inner.size()));
-  Py_ssize_t k = 0;
-  for (Py_ssize_t size : leading) PyTuple_SetItem(shape, k++, PyLong_FromSsize_t(size));
-  for (std::size_t size : inner) PyTuple_SetItem(shape, k++, PyLong_FromSize_t(size));
-  PyObject* array = PyObject_CallFunctionObjArgs(numpy_empty().ptr(), shape, nullptr);
-  Py_DECREF(shape);
+nb::object new_array(nb::handle shape) {
+  PyObject* array = PyObject_CallFunctionObjArgs(numpy_empty().ptr(), shape.ptr(), nullptr);
   if (!array) throw nb::python_error();
   return nb::steal(array);
 }
 
 }  // namespace
+
+nb::object shape_tuple(const std::vector<Py_ssize_t>& leading, std::initializer_list<std::size_t> inner) {
+  PyObject* shape = PyTuple_New(static_cast<Py_ssize_t>(leading.size() + inner.size()));
+  Py_ssize_t k = 0;
+  for (Py_ssize_t size : leading) PyTuple_SetItem(shape, k++, PyLong_FromSsize_t(size));
+  for (std::size_t size : inner) PyTuple_SetItem(shape, k++, PyLong_FromSize_t(size));
+  return nb::steal(shape);
+}
 
 void not_plain(const char* what) { throw nb::type_error(what); }
 
@@ -78,8 +81,15 @@ void Input::require_finite() const {
   if (!kernels().all_finite(data_, count_ * width_)) not_plain(what_);
 }
 
-Output::Output(const std::vector<Py_ssize_t>& leading, std::initializer_list<std::size_t> inner, nb::handle out) {
-  array_ = out.is_none() ? new_array(leading, inner) : nb::borrow(out);
+Output::Output(const std::vector<Py_ssize_t>& leading, std::initializer_list<std::size_t> inner, nb::handle out,
+               nb::handle single) {
+  if (!out.is_none()) {
+    array_ = nb::borrow(out);
+  } else if (leading.empty() && single.is_valid()) {
+    array_ = new_array(single);
+  } else {
+    array_ = new_array(shape_tuple(leading, inner));
+  }
   if (PyObject_GetBuffer(array_.ptr(), &view_, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | PyBUF_WRITABLE) != 0) {
     PyErr_Clear();
     not_plain("out");

@@ -44,7 +44,9 @@ class Input {
 // A writable float64 array of shape leading + inner: a new one, or `out` when it is not None.
 class Output {
  public:
-  Output(const std::vector<Py_ssize_t>& leading, std::initializer_list<std::size_t> inner, nb::handle out);
+  // `single` is the shape tuple of one result, which spares making it again for every call.
+  Output(const std::vector<Py_ssize_t>& leading, std::initializer_list<std::size_t> inner, nb::handle out,
+         nb::handle single = {});
   ~Output();
   Output(const Output&) = delete;
   Output& operator=(const Output&) = delete;
@@ -56,6 +58,9 @@ class Output {
   nb::object array_;
   Py_buffer view_{};
 };
+
+// The tuple of sizes that numpy.empty takes.
+nb::object shape_tuple(const std::vector<Py_ssize_t>& leading, std::initializer_list<std::size_t> inner);
 
 // Runs `work` without the interpreter lock when there is enough of it to be worth a release.
 template <class Work>

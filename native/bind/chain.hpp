@@ -8,6 +8,7 @@ namespace pieper::bind {
 // pieper::Chain as Python holds it.
 struct NativeChain {
   Chain chain;
+  nb::object pose_shape = shape_tuple({}, {4, 4}), jacobian_shape = shape_tuple({}, {6, chain.joints()});
   NativeChain(const Input& screws, const Input& home, const Input& coupling, const Input& limits, std::size_t m,
               std::size_t n)
       : chain(screws.data(), m, home.data(), coupling.data(), n, limits.data()) {}

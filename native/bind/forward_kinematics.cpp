@@ -11,7 +11,7 @@ void bind_forward_kinematics(nb::class_<NativeChain>& chain) {
       [](const NativeChain& self, nb::handle q, nb::handle out, std::size_t threads) {
         if (threads == 0) not_plain("threads");
         const Input joints(q, {self.chain.joints()}, "q");
-        const Output poses(joints.leading(), {4, 4}, out);
+        const Output poses(joints.leading(), {4, 4}, out, self.pose_shape);
         if (!without_lock(joints.count(), [&] {
               return forward_kinematics(self.chain, joints.data(), joints.count(), threads, poses.data());
             }))

@@ -3,23 +3,39 @@
 
 namespace pieper::bind {
 
+namespace {
+
+template <JacobianKind kind>
+nb::object jacobians_of(const NativeChain& self, nb::handle q, nb::handle out, std::size_t threads) {
+  if (threads == 0) not_plain("threads");
+  const std::size_t n = self.chain.joints();
+  const Input joints(q, {n}, "q");
+  const Output jacobians(joints.leading(), {6, n}, out, self.jacobian_shape);
+  if (!without_lock(joints.count(), [&] {
+        return jacobian(self.chain, joints.data(), joints.count(), kind, threads, jacobians.data());
+      }))
+    not_plain("q");
+  return jacobians.array();
+}
+
+template <JacobianKind kind>
+void def_jacobian(nb::class_<NativeChain>& chain, const char* name, const char* signature) {
+  chain.def(name, &jacobians_of<kind>, nb::sig(signature), nb::arg("q"), nb::arg("out") = nb::none(), nb::arg("threads") = 1,
+            "Jacobians (..., 6, n), linear part first.");
+}
+
+}  // namespace
+
 void bind_jacobian(nb::class_<NativeChain>& chain) {
-  chain.def(
-      "jacobian",
-      [](const NativeChain& self, nb::handle q, JacobianKind kind, nb::handle out, std::size_t threads) {
-        if (threads == 0) not_plain("threads");
-        const std::size_t n = self.chain.joints();
-        const Input joints(q, {n}, "q");
-        const Output jacobians(joints.leading(), {6, n}, out);
-        if (!without_lock(joints.count(), [&] {
-              return jacobian(self.chain, joints.data(), joints.count(), kind, threads, jacobians.data());
-            }))
-          not_plain("q");
-        return jacobians.array();
-      },
-      nb::sig("def jacobian(self, q: object, kind: JacobianKind, out: object = None, threads: int = 1) -> numpy.typing.NDArray[numpy.float64]"),
-      nb::arg("q"), nb::arg("kind"), nb::arg("out") = nb::none(), nb::arg("threads") = 1,
-      "Jacobians (..., 6, n), linear part first.");
+  def_jacobian<JacobianKind::geometric>(
+      chain, "jacobian",
+      "def jacobian(self, q: object, out: object = None, threads: int = 1) -> numpy.typing.NDArray[numpy.float64]");
+  def_jacobian<JacobianKind::space>(
+      chain, "jacobian_space",
+      "def jacobian_space(self, q: object, out: object = None, threads: int = 1) -> numpy.typing.NDArray[numpy.float64]");
+  def_jacobian<JacobianKind::body>(
+      chain, "jacobian_body",
+      "def jacobian_body(self, q: object, out: object = None, threads: int = 1) -> numpy.typing.NDArray[numpy.float64]");
   chain.def(
       "jacobian_rate",
       [](const NativeChain& self, nb::handle q, nb::handle dq) {

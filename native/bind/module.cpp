@@ -9,11 +9,6 @@ NB_MODULE(kernels, module) {
   // Chains kept in caches outlive the module at exit; that is no leak worth a page of text.
   nb::set_leak_warnings(false);
 
-  nb::enum_<pieper::JacobianKind>(module, "JacobianKind")
-      .value("geometric", pieper::JacobianKind::geometric)
-      .value("space", pieper::JacobianKind::space)
-      .value("body", pieper::JacobianKind::body);
-
   nb::class_<NativeChain> chain(module, "NativeChain");
   chain.def(
       "__init__",

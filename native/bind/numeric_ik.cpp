@@ -89,6 +89,7 @@ void bind_numeric_ik(nb::module_& module, nb::class_<NativeChain>& chain) {
         const std::size_t n = self.chain.joints();
         const Input T(targets, {4, 4}, "targets");
         T.require_finite();
+        if (restarts == 0 || iterations == 0 || count == 0 || threads == 0) not_plain("a number");
         if (!all_poses(T.data(), T.count())) not_plain("targets");
         std::optional<Input> starts;
         if (!seeds.is_none()) {

@@ -86,6 +86,11 @@ class Arm:
         >>> load("ur5e").fk([-1.28, 4.41, 1.54, -1.16, -1.56, 0.0])[:3, 3].round(6) + 0.0
         array([ 0.224996, -0.28312 ,  0.589463])
         """
+        if up_to is None:
+            try:
+                return self.chain.native.fk(q, out, threads)  # straight to the kernel: a call costs as much as the pose
+            except TypeError:
+                pass
         return _fk.fk(self.chain, q, up_to=up_to, out=out, threads=threads)
 
     def fk_frames(self, q: ArrayLike, *, frames: Sequence[str | int] | None = None) -> FloatArray:
@@ -94,7 +99,10 @@ class Arm:
 
     def jacobian(self, q: ArrayLike, *, out: FloatArray | None = None, threads: int = 1) -> FloatArray:
         """Geometric Jacobian in base axes, (..., 6, n), linear part first. See `pieper.kinematics.jacobian.jacobian`."""
-        return _jacobian.jacobian(self.chain, q, out=out, threads=threads)
+        try:
+            return self.chain.native.jacobian(q, out, threads)
+        except TypeError:
+            return _jacobian.jacobian(self.chain, q, out=out, threads=threads)
 
     def jacobian_space(self, q: ArrayLike, *, out: FloatArray | None = None, threads: int = 1) -> FloatArray:
         """Space Jacobian, (..., 6, n): twists in the base frame."""

@@ -48,7 +48,3 @@ def test_one_instruction_set_is_always_there():
     assert kernels.instruction_set() in kernels.instruction_sets()
     with pytest.raises(ValueError, match="not among instruction_sets"):
         kernels.use_instruction_set("mmx")
-
-
-def test_enum_members_equal_those_of_the_library():
-    assert [member.name for member in kernels.JacobianKind] == ["geometric", "space", "body"]

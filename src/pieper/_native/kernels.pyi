@@ -6,13 +6,6 @@ import numpy
 import numpy.typing
 
 
-class JacobianKind(enum.Enum):
-    geometric = 0
-
-    space = 1
-
-    body = 2
-
 class NativeChain:
     def __init__(self, screws: object, home: object, coupling: object, limits: object) -> None: ...
 
@@ -24,7 +17,13 @@ class NativeChain:
         Poses (..., k, 4, 4) of k frames with home poses (k, 4, 4), each moved by its first `after` axes.
         """
 
-    def jacobian(self, q: object, kind: JacobianKind, out: object = None, threads: int = 1) -> numpy.typing.NDArray[numpy.float64]:
+    def jacobian(self, q: object, out: object = None, threads: int = 1) -> numpy.typing.NDArray[numpy.float64]:
+        """Jacobians (..., 6, n), linear part first."""
+
+    def jacobian_space(self, q: object, out: object = None, threads: int = 1) -> numpy.typing.NDArray[numpy.float64]:
+        """Jacobians (..., 6, n), linear part first."""
+
+    def jacobian_body(self, q: object, out: object = None, threads: int = 1) -> numpy.typing.NDArray[numpy.float64]:
         """Jacobians (..., 6, n), linear part first."""
 
     def jacobian_rate(self, q: object, dq: object) -> numpy.typing.NDArray[numpy.float64]:
@@ -35,6 +34,28 @@ class NativeChain:
 
     def manipulability(self, q: object, threads: int = 1) -> numpy.typing.NDArray[numpy.float64]:
         """Yoshikawa's manipulability (...)."""
+
+    def solve_numeric(self, targets: object, seeds: object, rows: TargetRows, position_tolerance: float, rotation_tolerance: float, restarts: int, iterations: int, count: int, distinct: float, threads: int) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.int8], int]:
+        """
+        Joints (..., count, n) for poses (..., 4, 4), and how well they do: position_error, rotation_error, valid, within_limits (..., count), nearest (..., n), its errors (...), status (...), and how many were missed.
+        """
+
+class RotationTarget(enum.Enum):
+    free = 0
+
+    axis = 1
+
+    full = 2
+
+class NumericStatus(enum.Enum):
+    reached = 0
+
+    unreachable = 1
+
+    not_converged = 2
+
+class TargetRows:
+    def __init__(self, weights: object, position_in_tool: bool, rotation_in_tool: bool, rotation: RotationTarget, axis: object) -> None: ...
 
 def instruction_set() -> str:
     """Name of the instruction set in use."""

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pieper._native import kernels
 from pieper.errors import ArrayError
 from pieper.kinematics.fk import _as_threads
 from pieper.kinematics.joints import as_joints, as_out
@@ -22,8 +21,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from pieper.model.chain import Chain
-
-_Kind = kernels.JacobianKind
 
 
 def jacobian(
@@ -62,9 +59,9 @@ def jacobian(
     array([0.   , 0.895, 0.   , 0.   , 0.   , 1.   ])
     """
     try:
-        return chain.native.jacobian(q, _Kind.geometric, out, threads)
+        return chain.native.jacobian(q, out, threads)
     except TypeError:
-        return _converted(chain, q, _Kind.geometric, out, threads)
+        return chain.native.jacobian(*_converted(chain, q, out, threads))
 
 
 def jacobian_space(
@@ -75,9 +72,9 @@ def jacobian_space(
     Parameters and errors as for `jacobian`. Returns (..., 6, n), a twist in the base frame.
     """
     try:
-        return chain.native.jacobian(q, _Kind.space, out, threads)
+        return chain.native.jacobian_space(q, out, threads)
     except TypeError:
-        return _converted(chain, q, _Kind.space, out, threads)
+        return chain.native.jacobian_space(*_converted(chain, q, out, threads))
 
 
 def jacobian_body(
@@ -88,18 +85,17 @@ def jacobian_body(
     Parameters and errors as for `jacobian`. Returns (..., 6, n), a twist in the tip frame.
     """
     try:
-        return chain.native.jacobian(q, _Kind.body, out, threads)
+        return chain.native.jacobian_body(q, out, threads)
     except TypeError:
-        return _converted(chain, q, _Kind.body, out, threads)
+        return chain.native.jacobian_body(*_converted(chain, q, out, threads))
 
 
 def _converted(
-    chain: Chain, q: ArrayLike, kind: kernels.JacobianKind, out: NDArray[np.float64] | None, threads: int
-) -> NDArray[np.float64]:
+    chain: Chain, q: ArrayLike, out: NDArray[np.float64] | None, threads: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, int]:
+    """The arguments as the kernels take them, or an error that says what is wrong with them."""
     values = as_joints(chain, q)
-    if out is not None:
-        as_out(out, (*values.shape[:-1], 6, chain.dof))
-    return chain.native.jacobian(values, kind, out, _as_threads(threads))
+    return values, None if out is None else as_out(out, (*values.shape[:-1], 6, chain.dof)), _as_threads(threads)
 
 
 def jacobian_rate(chain: Chain, q: ArrayLike, dq: ArrayLike) -> NDArray[np.float64]:
