@@ -116,10 +116,12 @@ def newest(session: nox.Session) -> None:
 
 @nox.session
 def bench(session: nox.Session) -> None:
-    """Run the benchmarks named after `--`, or all of them."""
-    install_pieper(session, "test", "bench")
-    named = session.posargs or [str(p) for p in sorted(Path("benchmarks").glob("bench_*.py"))]
-    for script in named:
+    """Run the benchmarks named after `--`, or all of them, and write the pictures and the page from their results."""
+    session.install("-r", "benchmarks/requirements.txt")
+    session.install("--no-deps", "-r", "benchmarks/requirements-urdfs.txt")
+    install_pieper(session)
+    questions = ["forward_kinematics", "single_call", "numeric_ik", "report_loop", "import_and_size", "public_urdfs"]
+    for script in session.posargs or [f"benchmarks/{question}.py" for question in (*questions, "plots", "table")]:
         session.run("python", script)
 
 

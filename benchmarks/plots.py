@@ -51,14 +51,10 @@ mpl.rcParams.update(
 
 def time_text(nanoseconds: float) -> str:
     """Three digits and a unit."""
-    for unit, size in (("ns", 1.0), ("µs", 1e3), ("ms", 1e6), ("s", 1e9)):
-        if nanoseconds < 999.5 * size or unit == "s":
-            value = nanoseconds / size
-            return (
-                f"{value:.{0 if value >= 99.5 else 1 if value >= 9.95 else 2}f}".replace(".00", "").replace(".0", "")
-                + f" {unit}"
-            )
-    raise AssertionError
+    for unit, size in (("ns", 1.0), ("µs", 1e3), ("ms", 1e6)):
+        if nanoseconds < 999.5 * size:
+            return f"{nanoseconds / size:.3g} {unit}"
+    return f"{nanoseconds / 1e9:.3g} s"
 
 
 def bars(axes: plt.Axes, rows: list[tuple[str, float, str]]) -> None:
@@ -113,11 +109,13 @@ def single_call(data: dict) -> plt.Figure:
     """One call from Python."""
     titles = {"forward_kinematics": "One forward kinematics from Python", "jacobian": "One Jacobian from Python"}
     counts = [len(data[key]["rows"]) for key in titles]
-    figure, panels = plt.subplots(len(titles), 1, figsize=(8, 5.2), height_ratios=counts)
+    figure, panels = plt.subplots(len(titles), 1, figsize=(8, 5.2), height_ratios=counts, sharex=True)
     for axes, (key, title) in zip(panels, titles.items(), strict=True):
         found = medians(data[key]["rows"])
         bars(axes, [(name, value, OURS if name.startswith("pieper") else OTHERS) for name, value in found.items()])
         axes.set_title(title)
+        axes.tick_params(axis="x", labelbottom=True)
+    panels[0].set_xlim(100, 1e6)
     figure.tight_layout()
     return figure
 
@@ -142,7 +140,7 @@ def numeric_ik(data: dict) -> plt.Figure:
         if rows:
             handles.append(Line2D([], [], **style, label=label))
     handles.append(
-        Line2D([], [], color=FAINT, marker="D", linestyle="none", markerfacecolor=CARD, label="same, to 1e-6")
+        Line2D([], [], color=FAINT, marker="D", linestyle="none", markerfacecolor=CARD, label="TRAC-IK, to 1e-6")
     )
     left.axvline(1e-3, color=FAINT, linewidth=1, linestyle=":")
     left.set_xscale("log")

@@ -149,7 +149,7 @@ def report_loop(data: dict) -> list[str]:
             "into SymPy expressions in each of its 255 steps, against the same rule and against the solver here."
         ),
         "",
-        *table(["", "time", ""], rows, left=1),
+        *table(["", "time", ""], rows),
         "",
         *table(["ratio", "times"], ratios),
         "",
