@@ -16,6 +16,7 @@ import arms
 import numpy as np
 import results
 
+REUSED = ("Pinocchio, to its SE3", "Pinocchio, all frames")
 Statements = dict[str, tuple[str, dict[str, object]]]
 
 
@@ -106,11 +107,12 @@ def main() -> None:
             for name, values in seconds.items()
         ]
         rows.sort(key=lambda row: row["nanoseconds"]["median"])
-        ratios = {
-            f"{name} / pieper": paired.ratio(values, seconds["pieper"])
-            for name, values in seconds.items()
-            if "pieper" in seconds and not name.startswith("pieper")
-        }
+        ratios = {}
+        for name, values in seconds.items() if "pieper" in seconds else ():
+            if not name.startswith("pieper"):
+                # Pinocchio writes its SE3 into its own data: that is an output reused. An array it makes anew.
+                ours = "pieper, output reused" if name in REUSED else "pieper"
+                ratios[f"{name} / {ours}"] = paired.ratio(values, seconds[ours])
         figures[question] = {"rows": results.rounded(rows), "ratios": results.rounded(ratios)}
 
         print(question)
