@@ -9,7 +9,7 @@ Screws are unit screws written *linear part first*, ``(v, w)``; a prismatic join
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -28,14 +28,25 @@ FloatArray = NDArray[np.float64]
 _UNIT_TOLERANCE = 1e-9  # a unit screw or a rotation typed with ten digits passes, a typing error does not
 
 
-def _frozen(value: ArrayLike, shape: tuple[int, ...], name: str, *, finite: bool = True) -> FloatArray:
-    """A read-only float64 copy of `value`, refused unless it has `shape` and is finite."""
+def _frozen(
+    value: ArrayLike, shape: tuple[int, ...], name: str, *, finite: bool = True, empty: FloatArray | None = None
+) -> FloatArray:
+    """A read-only float64 copy of `value`, refused unless it has `shape` (-1 for any size) and is finite.
+
+    `empty` stands in for a list without elements.
+    """
+    wanted = "(" + ", ".join("m" if size < 0 else str(size) for size in shape) + ("," if len(shape) == 1 else "") + ")"
     try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as cause:
-        raise ArrayError(f"{name} must be numbers of shape {shape}, got {value!r}") from cause
-    if array.shape != shape:
-        raise ArrayError(f"{name} must have shape {shape}, got {array.shape}")
+        array = np.asarray(value)
+    except ValueError as cause:
+        raise ArrayError(f"{name} must have shape {wanted}, got rows of different lengths") from cause
+    if array.shape == (0,) and empty is not None:
+        array = empty
+    if array.dtype.kind not in "fiu":
+        raise ArrayError(f"{name} must be real numbers of shape {wanted}, got dtype {array.dtype}")
+    if array.ndim != len(shape) or any(size not in (-1, got) for size, got in zip(shape, array.shape, strict=True)):
+        raise ArrayError(f"{name} must have shape {wanted}, got {array.shape}")
+    array = np.array(array, dtype=np.float64)
     if np.isnan(array).any() or (finite and not np.isfinite(array).all()):
         raise ArrayError(f"{name} must be finite, got {array.tolist()}")
     array.setflags(write=False)
@@ -55,11 +66,6 @@ def _frozen_pose(value: ArrayLike, name: str) -> FloatArray:
     if not np.array_equal(T[3], [0.0, 0.0, 0.0, 1.0]):
         raise ArrayError(f"{name} must have the last row 0 0 0 1, got {T[3].tolist()}")
     return T
-
-
-def _rows(value: ArrayLike, width: int) -> ArrayLike:
-    """`value`, or no rows of `width` when it is empty."""
-    return np.empty((0, width)) if np.size(value) == 0 else value
 
 
 def _not_given() -> FloatArray:
@@ -87,6 +93,9 @@ class Frame:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "home", _frozen_pose(self.home, f"home of frame {self.name!r}"))
+
+    def __reduce__(self) -> tuple[type[Frame], tuple[str, int, FloatArray]]:
+        return type(self), (self.name, self.after, self.home)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,16 +143,13 @@ class Chain:
         n = len(self.joint_names)
         if len(set(self.joint_names)) != n:
             raise ArrayError(f"joint names must be unique, got {', '.join(self.joint_names)}")
-        coupling = np.asarray(self.coupling)
-        coupling = np.eye(n) if coupling.size == 0 else coupling
-        m = len(coupling)
-        put("screws", _frozen(_rows(self.screws, 6), (m, 6), "screws"))
+        put("coupling", _frozen(self.coupling, (-1, n), "coupling", empty=np.eye(n)))
+        m = len(self.coupling)
+        put("screws", _frozen(self.screws, (m, 6), "screws", empty=np.empty((0, 6))))
         put("home", _frozen_pose(self.home, "home"))
-        put("limits", _frozen(_rows(self.limits, 2), (n, 2), "limits", finite=False))
+        put("limits", _frozen(self.limits, (n, 2), "limits", finite=False, empty=np.empty((0, 2))))
         for key in ("max_velocity", "max_effort"):
-            value = np.asarray(getattr(self, key))
-            put(key, _frozen(np.full(n, np.inf) if value.size == 0 else value, (n,), key, finite=False))
-        put("coupling", _frozen(coupling, (m, n), "coupling"))
+            put(key, _frozen(getattr(self, key), (n,), key, finite=False, empty=np.full(n, np.inf)))
         for axis, screw in enumerate(self.screws):
             self._check_screw(axis, screw)
         wrong = np.flatnonzero(self.limits[:, 0] > self.limits[:, 1])
@@ -294,8 +300,8 @@ class Chain:
 
         return kernels.NativeChain(self.screws, self.home, self.coupling, self.limits)
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {k: v for k, v in self.__dict__.items() if k != "native"}
+    def __reduce__(self) -> tuple[type[Chain], tuple[Any, ...]]:
+        return type(self), tuple(getattr(self, f.name) for f in fields(self))
 
     def __repr__(self) -> str:
         return f"Chain({self.name!r}, {self.dof} joints, {self.base!r} -> {self.tip!r})"

@@ -1,0 +1,19 @@
+"""Every row of the source reports that is done has a test named after it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).parent
+ROWS = (
+    "B7 B8 B13 B16 C1 C2 C3 D1 D2 D3 D5 D8 D9 D10 D11 E1 E4 E5 E6 E7 E8 M1 M2 M5 M7 K1 K3 K4 R1 R2 R3 R4 R7 Y2 Y3 U1 U2"
+)
+
+
+@pytest.mark.parametrize("row", ROWS.split(" "))
+def test_a_test_is_named_after_the_row(row):
+    named = re.compile(rf"def test_(?:\w*_)?{row}(?:_|\b)", re.IGNORECASE)
+    assert any(named.search(path.read_text(encoding="utf-8")) for path in TESTS.rglob("test_*.py"))
