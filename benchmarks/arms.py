@@ -7,6 +7,7 @@ without the package under test.
 import json
 import pathlib
 import tempfile
+from collections.abc import Container
 
 import numpy as np
 
@@ -94,7 +95,7 @@ def load(name: str) -> Arm:
     return Arm(name, json.loads((TABLES / f"{name}.json").read_text()))
 
 
-def names(*, dof: tuple[int, ...] = (6, 7)) -> list[str]:
+def names(*, dof: Container[int] = (6, 7)) -> list[str]:
     """The built-in arms with so many joints that have a joint table."""
     tables = {path.stem: json.loads(path.read_text()) for path in sorted(TABLES.glob("*.json"))}
     return [name for name, table in tables.items() if "joints" in table and Arm(name, table).dof in dof]
