@@ -1,0 +1,1 @@
+"""Inverse kinematics: joint values that bring the tip of an arm to a target, and how well they do."""

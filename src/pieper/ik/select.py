@@ -1,0 +1,137 @@
+"""Choosing among answers: those within limits, and the one nearest to where the arm is.
+
+A joint that turns looks the same after a whole turn, so an answer stands for all its copies ``q + 2 pi k``. Both functions
+take the copy that suits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pieper.errors import ArrayError
+from pieper.kinematics.joints import as_joints
+from pieper.spatial._checks import FloatArray, stack
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from pieper.ik.solutions import IKSolutions
+    from pieper.model.chain import Chain
+
+_TURN = 2.0 * np.pi
+
+
+def within_limits(answers: IKSolutions, chain: Chain | None = None) -> IKSolutions:
+    """The answers that have a copy inside the joint limits, as that copy; the others are no longer valid.
+
+    Parameters
+    ----------
+    answers : IKSolutions
+    chain : Chain, optional
+        Whose limits to keep; the arm that the answers were found for when not given.
+
+    Returns
+    -------
+    IKSolutions
+        Same shapes; NaN and ``valid`` False where no copy of an answer is inside.
+
+    Examples
+    --------
+    >>> from pieper.ik.solve import solve
+    >>> from pieper.kinematics.fk import fk
+    >>> from pieper.model import catalog
+    >>> arm = catalog.describe("ur5e").chain()
+    >>> answers = solve(arm, fk(arm, [0.1, -1.2, 1.4, -1.7, -1.5, 0.3]), count=4)
+    >>> within_limits(answers, arm).valid
+    array([ True,  True,  True,  True])
+    """
+    chain = answers.chain if chain is None else chain
+    lowest, highest = _whole_turns(answers.q, chain)
+    q = answers.q + _TURN * np.clip(0.0, lowest, np.maximum(lowest, highest))
+    lower, upper = chain.limits.T
+    with np.errstate(invalid="ignore"):
+        inside = np.asarray(answers.valid & np.all((q >= lower) & (q <= upper), axis=-1))
+    return replace(
+        answers,
+        chain=chain,
+        q=np.where(inside[..., None], q, np.nan),
+        valid=inside,
+        within_limits=inside,
+        position_error=np.where(inside, answers.position_error, np.nan),
+        rotation_error=np.where(inside, answers.rotation_error, np.nan),
+    )
+
+
+def nearest(answers: IKSolutions, q: ArrayLike, *, weights: ArrayLike | None = None) -> FloatArray:
+    """The answer nearest to `q`, each turning joint as the copy nearest to it that its limits allow.
+
+    Nearest is ``sqrt(sum((weights * (answer - q))^2))``.
+
+    Parameters
+    ----------
+    answers : IKSolutions
+    q : (..., n) array
+        Joint values to stay near, for example where the arm is now [rad or m]; leading axes broadcast to the targets.
+    weights : (n,) array, optional
+        How much the motion of each joint counts; all alike when not given, a metre as much as a radian.
+
+    Returns
+    -------
+    (..., n) array
+        One answer per target [rad or m]; NaN where a target has none.
+
+    Raises
+    ------
+    ArrayError
+        Wrong shape, or not finite.
+
+    Examples
+    --------
+    >>> from pieper.ik.solve import solve
+    >>> from pieper.kinematics.fk import fk
+    >>> from pieper.model import catalog
+    >>> arm = catalog.describe("ur5e").chain()
+    >>> answers = solve(arm, fk(arm, [0.1, -1.2, 1.4, -1.7, -1.5, 3.3]), seed=[0.1, -1.2, 1.4, -1.7, -1.5, 3.2])
+    >>> nearest(answers, [0.0, -1.0, 1.0, -1.5, -1.5, -3.0]).round(6)
+    array([ 0.1     , -1.2     ,  1.4     , -1.7     , -1.5     , -2.983185])
+    """
+    chain = answers.chain
+    here = as_joints(chain, q)
+    try:
+        here = np.broadcast_to(here, (*answers.status.shape, chain.dof))
+    except ValueError:
+        raise ArrayError(
+            f"q must have leading axes that broadcast to {answers.status.shape}, got shape {here.shape}"
+        ) from None
+    scale = np.ones(chain.dof) if weights is None else stack(weights, (chain.dof,), "weights")
+    if not answers.valid.shape[-1]:
+        return np.full_like(here, np.nan)
+    lowest, highest = _whole_turns(answers.q, chain)
+    wanted = np.round((here[..., None, :] - answers.q) / _TURN)
+    none_inside = highest < lowest
+    turns = np.where(none_inside, wanted, np.clip(wanted, lowest, np.maximum(lowest, highest)))
+    copies = answers.q + _TURN * np.where(_turning(chain), turns, 0.0)
+    distance = np.linalg.norm(scale * (copies - here[..., None, :]), axis=-1)
+    best = np.argmin(np.where(answers.valid, distance, np.inf), axis=-1)
+    chosen = np.take_along_axis(copies, best[..., None, None], axis=-2)[..., 0, :]
+    return np.asarray(np.where(answers.valid.any(axis=-1)[..., None], chosen, np.nan))
+
+
+def _turning(chain: Chain) -> NDArray[np.bool_]:
+    """(n,) mask of the joints that a whole turn brings back to where they were."""
+    moves = chain.coupling != 0.0
+    whole = np.all(~moves | (chain.is_revolute[:, None] & (chain.coupling == np.round(chain.coupling))), axis=0)
+    return np.asarray(whole & moves.any(axis=0))
+
+
+def _whole_turns(q: FloatArray, chain: Chain) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest number of turns to add that keep each joint inside its limits; 0 for joints that slide."""
+    lower, upper = chain.limits.T
+    turning = _turning(chain)
+    with np.errstate(invalid="ignore"):
+        lowest = np.where(turning, np.ceil((lower - q) / _TURN), 0.0)
+        highest = np.where(turning, np.floor((upper - q) / _TURN), 0.0)
+    return lowest, highest
