@@ -43,8 +43,8 @@ bool all_poses(const double* T, std::size_t count) {
         const double dot = T[4 * r] * T[4 * c] + T[4 * r + 1] * T[4 * c + 1] + T[4 * r + 2] * T[4 * c + 2];
         worst = std::max(worst, std::abs(dot - (r == c ? 1.0 : 0.0)));
       }
-    const double determinant = T[0] * (T[5] * T[10] - T[6] * T[9]) - T[1] * (T[4] * T[10] - T[6] * T[8]) +
-                               T[2] * (T[4] * T[9] - T[5] * T[8]);
+    const double determinant =
+        T[0] * (T[5] * T[10] - T[6] * T[9]) - T[1] * (T[4] * T[10] - T[6] * T[8]) + T[2] * (T[4] * T[9] - T[5] * T[8]);
     if (!(worst <= tolerance) || !(determinant > 0)) return false;
   }
   return true;
@@ -72,20 +72,21 @@ void bind_numeric_ik(nb::module_& module, nb::class_<NativeChain>& chain) {
       .value("unreachable", NumericStatus::unreachable)
       .value("not_converged", NumericStatus::not_converged);
   nb::class_<TargetRows>(module, "TargetRows")
-      .def("__init__",
-           [](TargetRows* self, nb::handle weights, bool position_in_tool, bool rotation_in_tool, RotationTarget rotation,
-              nb::handle axis) {
-             new (self) TargetRows(rows_from(weights, position_in_tool, rotation_in_tool, rotation, axis));
-           },
-           nb::arg("weights"), nb::arg("position_in_tool"), nb::arg("rotation_in_tool"), nb::arg("rotation"),
-           nb::arg("axis"),
-           nb::sig("def __init__(self, weights: object, position_in_tool: bool, rotation_in_tool: bool, "
-                   "rotation: RotationTarget, axis: object) -> None"));
+      .def(
+          "__init__",
+          [](TargetRows* self, nb::handle weights, bool position_in_tool, bool rotation_in_tool,
+             RotationTarget rotation, nb::handle axis) {
+            new (self) TargetRows(rows_from(weights, position_in_tool, rotation_in_tool, rotation, axis));
+          },
+          nb::arg("weights"), nb::arg("position_in_tool"), nb::arg("rotation_in_tool"), nb::arg("rotation"),
+          nb::arg("axis"),
+          nb::sig("def __init__(self, weights: object, position_in_tool: bool, rotation_in_tool: bool, "
+                  "rotation: RotationTarget, axis: object) -> None"));
   chain.def(
       "solve_numeric",
-      [](const NativeChain& self, nb::handle targets, nb::handle seeds, const TargetRows& rows, double position_tolerance,
-         double rotation_tolerance, std::size_t restarts, std::size_t iterations, std::size_t count, double distinct,
-         std::size_t threads) {
+      [](const NativeChain& self, nb::handle targets, nb::handle seeds, const TargetRows& rows,
+         double position_tolerance, double rotation_tolerance, std::size_t restarts, std::size_t iterations,
+         std::size_t count, double distinct, std::size_t threads) {
         const std::size_t n = self.chain.joints();
         const Input T(targets, {4, 4}, "targets");
         T.require_finite();
@@ -103,26 +104,29 @@ void bind_numeric_ik(nb::module_& module, nb::class_<NativeChain>& chain) {
             nearest_position(T.leading(), {}, nb::none()), nearest_rotation(T.leading(), {}, nb::none());
         const NewArray<bool> valid(T.leading(), {count}, "?"), within(T.leading(), {count}, "?");
         const NewArray<signed char> status(T.leading(), {}, "b");
-        const NumericResults results{q.data(),         position.data(),         rotation.data(),
-                                     valid.data(),     within.data(),           nearest.data(),
-                                     nearest_position.data(), nearest_rotation.data(), status.data()};
+        const NumericResults results{q.data(),      position.data(), rotation.data(),         valid.data(),
+                                     within.data(), nearest.data(),  nearest_position.data(), nearest_rotation.data(),
+                                     status.data()};
         std::size_t missed = 0;
         {
           nb::gil_scoped_release released;
-          missed = solve_numeric(self.chain, T.data(), starts ? starts->data() : nullptr, T.count(), rows, options, threads, results);
+          missed = solve_numeric(self.chain, T.data(), starts ? starts->data() : nullptr, T.count(), rows, options,
+                                 threads, results);
         }
         return nb::make_tuple(q.array(), position.array(), rotation.array(), valid.array(), within.array(),
-                              nearest.array(), nearest_position.array(), nearest_rotation.array(), status.array(), missed);
+                              nearest.array(), nearest_position.array(), nearest_rotation.array(), status.array(),
+                              missed);
       },
       nb::arg("targets"), nb::arg("seeds").none(), nb::arg("rows"), nb::arg("position_tolerance"),
       nb::arg("rotation_tolerance"), nb::arg("restarts"), nb::arg("iterations"), nb::arg("count"), nb::arg("distinct"),
       nb::arg("threads"),
-      nb::sig("def solve_numeric(self, targets: object, seeds: object, rows: TargetRows, position_tolerance: float, "
-              "rotation_tolerance: float, restarts: int, iterations: int, count: int, distinct: float, threads: int) -> "
-              "tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], "
-              "numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.bool_], "
-              "numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], "
-              "numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.int8], int]"),
+      nb::sig(
+          "def solve_numeric(self, targets: object, seeds: object, rows: TargetRows, position_tolerance: float, "
+          "rotation_tolerance: float, restarts: int, iterations: int, count: int, distinct: float, threads: int) -> "
+          "tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], "
+          "numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.bool_], "
+          "numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], "
+          "numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.int8], int]"),
       "Joints (..., count, n) for poses (..., 4, 4), and how well they do: position_error, rotation_error, valid, "
       "within_limits (..., count), nearest (..., n), its errors (...), status (...), and how many were missed.");
 }

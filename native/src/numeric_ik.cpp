@@ -74,8 +74,14 @@ class Batch {
  public:
   Batch(const Chain& chain, const double* targets, const double* seeds, const TargetRows& rows,
         const NumericOptions& options, const NumericResults& out)
-      : chain_(chain), table_(chain.search_table()), targets_(targets), seeds_(seeds), rows_(rows), options_(options),
-        out_(out), solve_(kernels().solve_numeric) {}
+      : chain_(chain),
+        table_(chain.search_table()),
+        targets_(targets),
+        seeds_(seeds),
+        rows_(rows),
+        options_(options),
+        out_(out),
+        solve_(kernels().solve_numeric) {}
 
   void solve(std::size_t k) const {
     const std::size_t n = chain_.joints(), count = options_.count;
@@ -88,16 +94,19 @@ class Batch {
     solve_(chain_.folded(), table_.space(), rows_, options_, target, seed ? start.data() : nullptr, answer);
 
     std::size_t kept = 0;
-    for (std::size_t s = 0; s < answer.found; ++s) {
+    const auto keep = [&](const double* x) {
       double* q = out_.q + (k * count + kept) * n;
-      table_.from_search(&solutions[s * n], seed, q);
+      table_.from_search(x, seed, q);
       const Distance distance = at(target, q);
-      if (!reached(distance)) continue;
+      if (!reached(distance)) return;
       out_.position_error[k * count + kept] = distance.position;
       out_.rotation_error[k * count + kept] = distance.rotation;
       out_.valid[k * count + kept] = out_.within_limits[k * count + kept] = true;
       ++kept;
-    }
+    };
+    for (std::size_t s = 0; s < answer.found; ++s) keep(&solutions[s * n]);
+    if (answer.found > 0) std::copy_n(solutions.data(), n, nearest.data());
+    if (kept == 0) keep(nearest.data());  // coming to rest may have brought it there
     constexpr double nan = std::numeric_limits<double>::quiet_NaN();
     for (std::size_t s = kept; s < count; ++s) {
       std::fill_n(out_.q + (k * count + s) * n, n, nan);
@@ -114,7 +123,7 @@ class Batch {
     table_.from_search(nearest.data(), seed, q);
     const Distance distance = at(target, q);
     out_.nearest_position_error[k] = distance.position, out_.nearest_rotation_error[k] = distance.rotation;
-    out_.status[k] = static_cast<signed char>(answer.status);
+    out_.status[k] = static_cast<signed char>(answer.found > 0 ? NumericStatus::not_converged : answer.status);
   }
 
  private:

@@ -11,7 +11,8 @@ namespace pieper {
 // Which rotation of the target counts: none, only the direction of one tool axis, or all three components.
 enum class RotationTarget : int { free = 0, axis = 1, full = 2 };
 
-// Rows of a target. A weight of 0 leaves a row out; the others say how much a metre or a radian counts in the nearest pose.
+// Rows of a target. A weight of 0 leaves a row out; the others say how much a metre or a radian counts in the nearest
+// pose.
 struct TargetRows {
   double weights[6] = {1, 1, 1, 1, 1, 1};  // position x y z, rotation vector x y z
   bool position_in_tool = false;           // rows along the axes of the target pose instead of the base axes
@@ -36,7 +37,7 @@ struct SearchSpace {
   const double* upper = nullptr;
   const double* first = nullptr;  // box of the starting points
   const double* last = nullptr;
-  const bool* turns = nullptr;  // joints that turn freely
+  const bool* turns = nullptr;       // joints that turn freely
   const double* coupling = nullptr;  // (axes, joints), or null where every joint moves its own axis
   // Starting points by their poses: twelve rows (position, rotation row-major) of `entries` numbers, page after page.
   const double* poses = nullptr;
@@ -70,9 +71,9 @@ struct NumericResults {
   signed char* status;  // (targets)
 };
 
-// `targets` (count, 4, 4); `seeds` (count, n) or null. Answers depend on nothing but their own target and seed. Returns the
-// number of targets that were not reached.
-std::size_t solve_numeric(const Chain&, const double* targets, const double* seeds, std::size_t count, const TargetRows&,
-                          const NumericOptions&, std::size_t threads, const NumericResults&);
+// `targets` (count, 4, 4); `seeds` (count, n) or null. Answers depend on nothing but their own target and seed. Returns
+// the number of targets that were not reached.
+std::size_t solve_numeric(const Chain&, const double* targets, const double* seeds, std::size_t count,
+                          const TargetRows&, const NumericOptions&, std::size_t threads, const NumericResults&);
 
 }  // namespace pieper

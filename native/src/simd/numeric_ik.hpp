@@ -2,9 +2,9 @@
 //
 // Levenberg-Marquardt with the damping of Chan and Lawrence (1988), as Sugihara (2011) compares it: the step
 // J^T (J J^T + lambda I)^-1 e with lambda proportional to the squared error. J J^T is 6 x 6 for any number of joints.
-// Joints at a limit whose step would leave it are held (an active set of columns), and every step is clamped to the box.
-// Lanes that stop getting nearer are given the next starting point. Starting points come from a table of poses: of each
-// stratum of a page the entry nearest to the target, then a low-discrepancy sequence.
+// Joints at a limit whose step would leave it are held (an active set of columns), and every step is clamped to the
+// box. Lanes that stop getting nearer are given the next starting point. Starting points come from a table of poses: of
+// each stratum of a page the entry nearest to the target, then a low-discrepancy sequence.
 #pragma once
 
 #include "pieper/numeric_ik.hpp"
@@ -57,7 +57,7 @@ struct Goal {
   double position_axes[9], rotation_axes[9];  // columns are the axes that the rows are taken along, in the base frame
   bool turn_position, turn_rotation;          // false where they are the base axes
   double weights[6];
-  double direction[3], tool_axis[3];          // RotationTarget::axis
+  double direction[3], tool_axis[3];  // RotationTarget::axis
   RotationTarget rotation;
   bool part_of_rotation;  // some but not all components of the rotation vector
 };
@@ -100,8 +100,8 @@ inline Goal goal_of(const double* target, const TargetRows& rows) {
     goal.turn_rotation = true;
     goal.weights[4] = goal.weights[3], goal.weights[5] = 0;
   }
-  goal.part_of_rotation = rows.rotation == RotationTarget::full &&
-                          (goal.weights[3] == 0 || goal.weights[4] == 0 || goal.weights[5] == 0);
+  goal.part_of_rotation =
+      rows.rotation == RotationTarget::full && (goal.weights[3] == 0 || goal.weights[4] == 0 || goal.weights[5] == 0);
   return goal;
 }
 
@@ -184,7 +184,8 @@ inline void differentiate_rotation(const Vec* e, Vec* w) {
 }
 
 // Errors of every lane, and the columns of the Jacobian of the rows.
-inline Errors evaluate(const Folded& chain, const SearchSpace& space, const Goal& goal, const Vec* q, Columns& columns) {
+inline Errors evaluate(const Folded& chain, const SearchSpace& space, const Goal& goal, const Vec* q,
+                       Columns& columns) {
   const std::size_t m = chain.count, n = space.joints;
   Vec moved[max_axes];
   const Vec* angles = q;
@@ -396,7 +397,15 @@ class NumericSolver {
       move(space_, step, q_);
       if (any(leave)) replace(leave);
     }
-    if (answer_.found == 0) settle();
+    if (answer_.found > 0) return;
+    double nearest = 1e300;
+    for (Near& near : near_) {
+      if (near.cost == 1e300) break;
+      const NumericStatus status = settle(near);
+      if (near.cost >= nearest) continue;
+      nearest = near.cost, answer_.status = status;
+      for (std::size_t i = 0; i < space_.joints; ++i) answer_.nearest[i] = near.q[i];
+    }
   }
 
  private:
@@ -439,14 +448,24 @@ class NumericSolver {
       if (!get(leave, l)) continue;
       if (get(arrived_, l)) {
         collect(l);
-      } else if (answer_.found == 0 && lane(best_cost_, l) < nearest_cost_) {
-        nearest_cost_ = lane(best_cost_, l);
-        for (std::size_t i = 0; i < space_.joints; ++i) answer_.nearest[i] = lane(best_[i], l);
+      } else {
+        remember(l);
       }
       if (answer_.found == options_.count) return;
       restart(l);
     }
     if (seed_alone_) fill_lanes();
+  }
+
+  // Keeps the nearest point of a lane that did not arrive, if it is among the nearest few.
+  void remember(std::size_t l) {
+    const double cost = lane(best_cost_, l);
+    std::size_t k = kept;
+    for (; k > 0 && cost < near_[k - 1].cost; --k)
+      if (k < kept) near_[k] = near_[k - 1];
+    if (k == kept) return;
+    near_[k].cost = cost;
+    for (std::size_t i = 0; i < space_.joints; ++i) near_[k].q[i] = lane(best_[i], l);
   }
 
   // Takes the solution of a lane unless it is already there.
@@ -466,15 +485,20 @@ class NumericSolver {
     ++answer_.found;
   }
 
-  // Goes on from the nearest point that was found until it gets no nearer. Each lane tries another damping, a factor of
-  // eight apart, and the best of them is taken.
-  void settle() {
+  struct Near {
+    double cost = 1e300;
+    double q[max_axes];
+  };
+
+  // Goes on from a point until it gets no nearer. Each lane tries another damping, a factor of eight apart, and the
+  // best of them is taken.
+  NumericStatus settle(Near& near) {
     const std::size_t n = space_.joints;
     Vec ladder = splat(1.0);
     for (std::size_t l = 0; l < lanes; ++l)
       for (std::size_t k = 0; k < l; ++k) lane(ladder, l) *= 0.125;
-    double best[max_axes], cost = nearest_cost_, damping = cost;
-    for (std::size_t i = 0; i < n; ++i) best[i] = answer_.nearest[i], q_[i] = splat(best[i]);
+    for (std::size_t i = 0; i < n; ++i) q_[i] = splat(near.q[i]);
+    double damping = near.cost;
     std::size_t idle = 0;
     for (int k = 0; k < settle_steps && idle < 4; ++k) {
       const Errors here = evaluate(chain_, space_, goal_, q_, columns_);
@@ -489,17 +513,16 @@ class NumericSolver {
       for (std::size_t l = 1; l < lanes; ++l)
         if (lane(costs, l) < lane(costs, winner)) winner = l;
       const double reached = lane(costs, winner);
-      idle = reached < cost * (1 - worth_settling) ? 0 : idle + 1;
-      if (reached < cost) {
-        cost = reached;
-        for (std::size_t i = 0; i < n; ++i) best[i] = lane(tried[i], winner), q_[i] = splat(best[i]);
+      idle = reached < near.cost * (1 - worth_settling) ? 0 : idle + 1;
+      if (reached < near.cost) {
+        near.cost = reached;
+        for (std::size_t i = 0; i < n; ++i) near.q[i] = lane(tried[i], winner), q_[i] = splat(near.q[i]);
         damping *= lane(ladder, winner) * (lanes > 1 ? 8 : 0.25);
       } else {
         damping *= 32;
       }
     }
-    for (std::size_t i = 0; i < n; ++i) answer_.nearest[i] = best[i];
-    answer_.status = idle > 0 ? NumericStatus::unreachable : NumericStatus::not_converged;
+    return idle > 0 ? NumericStatus::unreachable : NumericStatus::not_converged;
   }
 
   static constexpr double damping_factor = 0.2;
@@ -521,11 +544,13 @@ class NumericSolver {
   Vec age_{}, slow_{}, mark_{}, best_cost_{};
   IntVec alive_{}, arrived_{};
   std::size_t living_ = 0;
-  double nearest_cost_ = 1e300;
+  static constexpr std::size_t kept = 4;
+  Near near_[kept];
 };
 
 void solve_numeric_target(const Folded& chain, const SearchSpace& space, const TargetRows& rows,
-                          const NumericOptions& options, const double* target, const double* seed, NumericAnswer& answer) {
+                          const NumericOptions& options, const double* target, const double* seed,
+                          NumericAnswer& answer) {
   NumericSolver(chain, space, rows, options, target, seed, answer).run();
   if (answer.found > 0) answer.status = NumericStatus::reached;
 }
