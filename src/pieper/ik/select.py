@@ -117,7 +117,7 @@ def nearest(answers: IKSolutions, q: ArrayLike, *, weights: ArrayLike | None = N
     distance = np.linalg.norm(scale * (copies - here[..., None, :]), axis=-1)
     best = np.argmin(np.where(answers.valid, distance, np.inf), axis=-1)
     chosen = np.take_along_axis(copies, best[..., None, None], axis=-2)[..., 0, :]
-    return np.asarray(np.where(answers.valid.any(axis=-1)[..., None], chosen, np.nan))
+    return np.asarray(np.where(answers.reached[..., None], chosen, np.nan))
 
 
 def _turning(chain: Chain) -> NDArray[np.bool_]:
