@@ -116,13 +116,15 @@ def newest(session: nox.Session) -> None:
 
 @nox.session
 def bench(session: nox.Session) -> None:
-    """Run the benchmarks named after `--`, or all of them, and write the pictures and the page from their results."""
-    session.install("-r", "benchmarks/requirements.txt")
+    """Run the benchmarks named after `--`, or all of them, beside the peers; see benchmarks/README.md."""
+    session.install("-r", "benchmarks/requirements.txt", *groups("build", "bench"))
     session.install("--no-deps", "-r", "benchmarks/requirements-urdfs.txt")
-    install_pieper(session)
-    questions = ["forward_kinematics", "single_call", "numeric_ik", "report_loop", "import_and_size", "public_urdfs"]
-    for script in session.posargs or [f"benchmarks/{question}.py" for question in (*questions, "plots", "table")]:
-        session.run("python", script)
+    session.install("--no-build-isolation", ".")
+    questions = ("forward_kinematics", "single_call", "numeric_ik", "report_loop", "import_and_size", "public_urdfs")
+    for question in session.posargs or questions:
+        session.run("python", f"benchmarks/{question}.py")
+    session.run("python", "benchmarks/plots.py")
+    session.run("python", "benchmarks/table.py")
 
 
 @nox.session

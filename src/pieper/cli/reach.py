@@ -35,11 +35,17 @@ if TYPE_CHECKING:
 
     from pieper.arm import Arm
     from pieper.cli.target import Wanted
+    from pieper.ik.iteration import Step
     from pieper.ik.solutions import IKSolutions
-    from pieper.ik.target import Target
 
-_STEPS = 40  # of one starting point, as the solver has it
-_FRAME_SECONDS = 0.06
+# The way that is shown. The solver goes on from its end, so that what is shown and what is answered belong together.
+_GAIN = 0.4
+_DAMPING = 0.05  # keeps steps short near singular poses, where most arms stand at zero
+_CLOSE = 1e-4  # [m, rad]
+_SAME_ANSWER = 0.05  # [rad, m] more than _CLOSE moves a joint, less than two answers differ
+_MOST_STEPS = 80
+_PATIENCE = 15  # steps without getting closer
+_FRAME_SECONDS = 0.04
 
 
 def reach(
@@ -67,7 +73,8 @@ def reach(
     goal = wanted(x, y, z, rpy=rpy, quaternion=quaternion, axis=axis, degrees=degrees)
     start = seed_values(robot, seed, degrees=degrees)
     target = goal.target()
-    answers = solve(robot.chain, target, seed=start)
+    steps = _walk(robot, goal, start)
+    answers = solve(robot.chain, target, seed=_first_seed(robot, steps))
     reached = bool(answers.reached)
     q = answers.q[0] if reached else answers.nearest.q
     if as_json:
@@ -77,7 +84,7 @@ def reach(
     out = console()
     out.print(f"{robot.name}  {robot.base} -> {robot.tip}\n", style="bold", markup=False)
     if animate if animate is not None else out.is_terminal:
-        _animate(out, robot, target, start)
+        _animate(out, robot, steps)
     for line in _arm_lines(robot, q, out.width):
         out.print(line, markup=False, no_wrap=True, overflow="ignore", crop=False)
     out.print()
@@ -85,7 +92,7 @@ def reach(
     position_error, rotation_error = _errors(answers)
     out.print(f"errors       position {small(position_error, 'm')}, orientation {_turn(goal, rotation_error)}")
     if reached:
-        out.print(f"reached      {_how(robot, target, start)}", style="green", markup=False)
+        out.print(f"reached      {_how(steps, q)}", style="green", markup=False)
     else:
         out.print(f"not reached  {answers.reason}", style="red", markup=False)
     return 0 if reached else 1
@@ -167,38 +174,71 @@ def _print_pose(out: Console, robot: Arm, goal: Wanted, q: NDArray[np.float64], 
     out.print(f"             {numbers(rpy, 4, 11)} deg  roll pitch yaw", markup=False)
 
 
-def _first_start(robot: Arm, target: Target, start: NDArray[np.float64], steps: int) -> IKSolutions:
-    """What the solver has after so many steps from the first starting point alone."""
-    from pieper.ik.numeric import solve_numeric
+def _walk(robot: Arm, goal: Wanted, start: NDArray[np.float64]) -> list[Step]:
+    """The way from the start towards the target: damped steps, until the tip is close or comes no closer."""
+    from pieper.ik.iteration import iterate
 
-    return solve_numeric(robot.chain, target, seed=start, restarts=1, iterations=steps)
+    pose = goal.pose_from(robot.fk(start)[:3, :3])
+    steps: list[Step] = []
+    best = -1
+    for step in iterate(
+        robot.chain,
+        pose,
+        start,
+        orientation="ignore" if goal.is_position_only else "reach",
+        alpha=_GAIN,
+        damping=_DAMPING,
+        iterations=_MOST_STEPS,
+        position_stop=_CLOSE,
+        rotation_stop=None if goal.is_position_only else _CLOSE,
+    ):
+        steps.append(step)
+        best = step.iteration if best < 0 or step.norm < steps[best].norm else best
+        if step.iteration - best > _PATIENCE:
+            break
+    return steps
 
 
-def _how(robot: Arm, target: Target, start: NDArray[np.float64]) -> str:
-    for steps in range(1, _STEPS + 1):
-        if _first_start(robot, target, start, steps).reached:
-            return f"in {steps} step{'s' * (steps > 1)} from the start"
-    return "from another starting point; the first one got stuck"
+def _first_seed(robot: Arm, steps: list[Step]) -> NDArray[np.float64]:
+    """Where the solver goes on: the end of the way if it came close, else its beginning; no joint turned needlessly far."""
+    import numpy as np
+
+    start, end = steps[0].q, steps[-1].q
+    if not _came_close(steps):
+        return start
+    turns = np.where(turning(robot), np.round((end - start) / (2.0 * np.pi)), 0.0)
+    return np.asarray(end - 2.0 * np.pi * turns)
 
 
-def _animate(out: Console, robot: Arm, target: Target, start: NDArray[np.float64]) -> None:
-    """Show the arm after each step from the first starting point; where lines cannot be drawn again, its errors only."""
+def _how(steps: list[Step], q: NDArray[np.float64]) -> str:
+    """Whether the answer is where the way that is shown ends; it may end outside the joint limits."""
+    import numpy as np
+
+    turned = np.abs((q - steps[-1].q + np.pi) % (2.0 * np.pi) - np.pi)
+    if _came_close(steps) and float(turned.max()) < _SAME_ANSWER:
+        return f"in {len(steps) - 1} steps from the start"
+    return "from another starting point"
+
+
+def _came_close(steps: list[Step]) -> bool:
+    return steps[-1].norm < 2.0 * _CLOSE
+
+
+def _animate(out: Console, robot: Arm, steps: list[Step]) -> None:
+    """Show the arm after each step; where lines cannot be drawn again, its errors only."""
+    import numpy as np
     from rich.live import Live
     from rich.text import Text
 
     with Live(console=out, auto_refresh=False, transient=True) as live:
-        for steps in range(_STEPS + 1):
-            q, errors, reached = start, "", False
-            if steps:
-                answers = _first_start(robot, target, start, steps)
-                reached = bool(answers.reached)
-                q = answers.q[0] if reached else answers.nearest.q
-                errors = "position {:.1e} m, orientation {:.1e} rad".format(*_errors(answers))
-            line = f"step {steps:2d}  {errors}".rstrip()
+        for step in steps:
+            parts = np.linalg.norm(step.error.reshape(-1, 3), axis=-1)
+            left = ", ".join(f"{part:.1e} {unit}" for part, unit in zip(parts, ("m", "rad"), strict=False))
+            line = f"step {step.iteration:2d}  {left} to go"
             if out.is_terminal:
-                live.update(Text("\n".join([*_arm_lines(robot, q, out.width), "", line])), refresh=True)
+                live.update(Text("\n".join([*_arm_lines(robot, step.q, out.width), "", line])), refresh=True)
                 time.sleep(_FRAME_SECONDS)
             else:
                 out.print(line, markup=False)
-            if reached:
-                break
+    if not out.is_terminal:
+        out.print()

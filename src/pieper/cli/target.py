@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING, Any
 from pieper.errors import ArrayError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from pieper.arm import Arm
     from pieper.ik.target import Target
 
@@ -26,7 +29,6 @@ class Wanted:
         import numpy as np
 
         from pieper.ik import target
-        from pieper.spatial import rotation
 
         given = {"--rpy": self.rpy, "--quat": self.quaternion, "--axis": self.axis}
         names = [name for name, value in given.items() if value is not None]
@@ -34,15 +36,31 @@ class Wanted:
             raise ArrayError(f"{' and '.join(names)} say the same thing; give one of them")
         if self.axis is not None:
             return target.position_and_axis(self.position, self.axis)
+        if self.is_position_only:
+            return target.ignore_orientation(self.position)
+        return target.pose(self.pose_from(np.eye(3)))
+
+    def pose_from(self, R_base_tip: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The pose (4, 4) asked for; what is not asked for stays as near as can be to the given orientation."""
+        import numpy as np
+
+        from pieper.spatial import rotation
+
         T = np.eye(4)
+        T[:3, :3] = R_base_tip
         T[:3, 3] = self.position
         if self.rpy is not None:
             T[:3, :3] = rotation.from_rpy(self.rpy)
         elif self.quaternion is not None:
             T[:3, :3] = rotation.from_quaternion(self.quaternion)
-        else:
-            return target.ignore_orientation(self.position)
-        return target.pose(T)
+        elif self.axis is not None:
+            # the shortest turn from where the z axis of the tip points to where it should
+            z, wanted_z = R_base_tip[:, 2], np.array(self.axis) / np.linalg.norm(self.axis)
+            about = np.cross(z, wanted_z)
+            sine = float(np.linalg.norm(about))
+            about = about / sine if sine > 0.0 else R_base_tip[:, 0]
+            T[:3, :3] = rotation.from_rotation_vector(about * np.arctan2(sine, z @ wanted_z)) @ R_base_tip
+        return T
 
     @property
     def is_position_only(self) -> bool:
