@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pieper._native.kernels import NumericStatus
+from pieper._native import kernels
 from pieper.errors import ArrayError
 
 if TYPE_CHECKING:
@@ -25,11 +25,11 @@ EXACT = 1e-10
 class Status(IntEnum):
     """How a target ended."""
 
-    reached = NumericStatus.reached.value
+    reached = kernels.NumericStatus.reached.value
     """At least one answer is valid."""
-    unreachable = NumericStatus.unreachable.value
+    unreachable = kernels.NumericStatus.unreachable.value
     """No answer: every start came to rest elsewhere, and `IKSolutions.nearest` is the best of them."""
-    not_converged = NumericStatus.not_converged.value
+    not_converged = kernels.NumericStatus.not_converged.value
     """No answer, and the nearest pose found was still getting nearer when the solver stopped."""
 
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from pieper._native.kernels import RotationTarget, TargetRows
+from pieper._native import kernels
 from pieper.errors import ArrayError
 from pieper.kinematics.fk import fk
 from pieper.spatial._checks import FloatArray, poses, stack
@@ -58,22 +58,26 @@ class Target:
     axis: tuple[float, ...] | None = None
 
     @cached_property
-    def rows(self) -> TargetRows:
+    def rows(self) -> kernels.TargetRows:
         """The choice of rows in the form that the compiled solver takes."""
         if self.axis is not None:
-            rotation = RotationTarget.axis
+            rotation = kernels.RotationTarget.axis
         else:
-            rotation = RotationTarget.full if any(self.weights[3:]) else RotationTarget.free
+            rotation = kernels.RotationTarget.full if any(self.weights[3:]) else kernels.RotationTarget.free
         axis = (0.0, 0.0, 1.0) if self.axis is None else self.axis
-        return TargetRows(self.weights, self.position_axes == "tool", self.rotation_axes == "tool", rotation, axis)
+        return kernels.TargetRows(
+            self.weights, self.position_axes == "tool", self.rotation_axes == "tool", rotation, axis
+        )
 
     @cached_property
-    def position_rows(self) -> TargetRows | None:
+    def position_rows(self) -> kernels.TargetRows | None:
         """The position rows alone; None where there is no rotation to leave out, or no position."""
         if not self.counts_position or not any(self.weights[3:]):
             return None
         weights = (*self.weights[:3], 0.0, 0.0, 0.0)
-        return TargetRows(weights, self.position_axes == "tool", False, RotationTarget.free, (0.0, 0.0, 1.0))
+        return kernels.TargetRows(
+            weights, self.position_axes == "tool", False, kernels.RotationTarget.free, (0.0, 0.0, 1.0)
+        )
 
     @property
     def counts_position(self) -> bool:
