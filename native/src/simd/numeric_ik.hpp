@@ -280,7 +280,7 @@ inline void damped_step(const Columns& columns, std::size_t n, const Vec* e, Vec
   }
 }
 
-constexpr double least_damping = 1e-14;
+constexpr double least_damping = 1e-18;
 constexpr double longest_step = 1.0;  // rad or m, of one joint
 
 // q + step, shortened as a whole to the longest step allowed, and clamped to the box.
@@ -522,13 +522,35 @@ class NumericSolver {
         damping *= 32;
       }
     }
+    if (near.cost < almost_there) cut_across(near);
     return idle > 0 ? NumericStatus::unreachable : NumericStatus::not_converged;
+  }
+
+  // At a singular pose the valley of the error is narrow and bent, and steps that must get nearer creep along it. Plain
+  // Newton steps may get farther first, and then arrive.
+  void cut_across(Near& near) {
+    const std::size_t n = space_.joints;
+    for (std::size_t i = 0; i < n; ++i) q_[i] = splat(near.q[i]);
+    for (int k = 0; k < newton_steps; ++k) {
+      Errors here = evaluate(chain_, space_, goal_, q_, columns_);
+      ++answer_.steps;
+      if (lane(here.cost, 0) < near.cost) {
+        near.cost = lane(here.cost, 0);
+        for (std::size_t i = 0; i < n; ++i) near.q[i] = lane(q_[i], 0);
+      }
+      hold_at_limits(space_, q_, here, columns_);
+      Vec step[max_axes];
+      damped_step(columns_, n, here.rows, splat(least_damping), step);
+      move(space_, step, q_);
+    }
   }
 
   static constexpr double damping_factor = 0.2;
   static constexpr double worth_going_on = 0.5;  // of the squared error that was left
   static constexpr double patience = 5;          // steps that may go by without it
   static constexpr int settle_steps = 400;
+  static constexpr double almost_there = 1e-10;  // half the squared error below which a solution is likely
+  static constexpr int newton_steps = 20;
   static constexpr double worth_settling = 1e-10;  // of the squared error, in one step
 
   const Folded& chain_;
