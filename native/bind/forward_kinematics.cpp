@@ -36,9 +36,8 @@ void bind_forward_kinematics(nb::class_<NativeChain>& chain) {
           frames.push_back(frame);
         }
         const Output poses(joints.leading(), {frames.size(), 4, 4}, nb::none());
-        without_lock(joints.count(), [&] {
-          link_poses(self.chain, frames, joints.data(), joints.count(), poses.data());
-        });
+        without_lock(joints.count(),
+                     [&] { link_poses(self.chain, frames, joints.data(), joints.count(), poses.data()); });
         return poses.array();
       },
       nb::sig("def link_poses(self, q: object, after: object, homes: object) -> numpy.typing.NDArray[numpy.float64]"),

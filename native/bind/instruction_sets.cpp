@@ -8,7 +8,8 @@ namespace pieper::bind {
 
 void bind_instruction_sets(nb::module_& module) {
   module.def("instruction_set", [] { return kernels().name; }, "Name of the instruction set in use.");
-  module.def("instruction_sets", &instruction_sets, "Names of those that were compiled in and run here, narrowest first.");
+  module.def("instruction_sets", &instruction_sets,
+             "Names of those that were compiled in and run here, narrowest first.");
   module.def(
       "use_instruction_set",
       [](const std::string& name) {
@@ -24,7 +25,8 @@ void bind_instruction_sets(nb::module_& module) {
         kernels().sincos(angles.data(), angles.count(), sine.data(), cosine.data());
         return nb::make_tuple(sine.array(), cosine.array());
       },
-      nb::sig("def sincos(angle: object) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]"),
+      nb::sig(
+          "def sincos(angle: object) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]"),
       nb::arg("angle"), "Sines and cosines as the kernels compute them.");
 }
 

@@ -20,8 +20,8 @@ nb::object jacobians_of(const NativeChain& self, nb::handle q, nb::handle out, s
 
 template <JacobianKind kind>
 void def_jacobian(nb::class_<NativeChain>& chain, const char* name, const char* signature) {
-  chain.def(name, &jacobians_of<kind>, nb::sig(signature), nb::arg("q"), nb::arg("out") = nb::none(), nb::arg("threads") = 1,
-            "Jacobians (..., 6, n), linear part first.");
+  chain.def(name, &jacobians_of<kind>, nb::sig(signature), nb::arg("q"), nb::arg("out") = nb::none(),
+            nb::arg("threads") = 1, "Jacobians (..., 6, n), linear part first.");
 }
 
 }  // namespace
@@ -44,13 +44,12 @@ void bind_jacobian(nb::class_<NativeChain>& chain) {
         joints.require_finite(), speeds.require_finite();
         if (joints.leading() != speeds.leading()) not_plain("dq");
         const Output rates(joints.leading(), {6, n}, nb::none());
-        without_lock(joints.count(), [&] {
-          jacobian_rate(self.chain, joints.data(), speeds.data(), joints.count(), rates.data());
-        });
+        without_lock(joints.count(),
+                     [&] { jacobian_rate(self.chain, joints.data(), speeds.data(), joints.count(), rates.data()); });
         return rates.array();
       },
-      nb::sig("def jacobian_rate(self, q: object, dq: object) -> numpy.typing.NDArray[numpy.float64]"),
-      nb::arg("q"), nb::arg("dq"), "Time derivative (..., 6, n) of the geometric Jacobian.");
+      nb::sig("def jacobian_rate(self, q: object, dq: object) -> numpy.typing.NDArray[numpy.float64]"), nb::arg("q"),
+      nb::arg("dq"), "Time derivative (..., 6, n) of the geometric Jacobian.");
   chain.def(
       "hessian",
       [](const NativeChain& self, nb::handle q) {
@@ -61,8 +60,8 @@ void bind_jacobian(nb::class_<NativeChain>& chain) {
         without_lock(joints.count(), [&] { hessian(self.chain, joints.data(), joints.count(), derivatives.data()); });
         return derivatives.array();
       },
-      nb::sig("def hessian(self, q: object) -> numpy.typing.NDArray[numpy.float64]"),
-      nb::arg("q"), "Derivatives (..., n, 6, n) of the geometric Jacobian by each joint.");
+      nb::sig("def hessian(self, q: object) -> numpy.typing.NDArray[numpy.float64]"), nb::arg("q"),
+      "Derivatives (..., n, 6, n) of the geometric Jacobian by each joint.");
   chain.def(
       "manipulability",
       [](const NativeChain& self, nb::handle q, std::size_t threads) {

@@ -71,7 +71,8 @@ void set_twist(Axis& axis, double cosine, double sine) {
   if (std::abs(sine) < angle_noise && cosine > 0) {
     axis.twist = Twist::parallel, cosine = 1, sine = 0;
   } else if (std::abs(cosine) < angle_noise) {
-    axis.twist = Twist::square, cosine = 0, sine = 1;  // x is the normal from one axis to the next, so the sine is positive
+    axis.twist = Twist::square, cosine = 0,
+    sine = 1;  // x is the normal from one axis to the next, so the sine is positive
   } else {
     axis.twist = Twist::general;
   }
@@ -151,7 +152,8 @@ void Chain::fold() {
     if (i + 1 < m) {
       const Line& line = lines[i + 1];
       const double cosine = dot(line.direction, frame.z);
-      const double sign = cosine < 0 ? -1.0 : 1.0;  // a twist stays within +-90 degrees; anti-parallel axes turn backwards
+      const double sign =
+          cosine < 0 ? -1.0 : 1.0;  // a twist stays within +-90 degrees; anti-parallel axes turn backwards
       axes_[i + 1].sign = sign;
       next.z = sign * line.direction;
       next.origin = origin_on({next.z, line.point, line.revolute}, frame, !axis.revolute);

@@ -65,7 +65,8 @@ double axis_value(const Chain& chain, const double* q, std::size_t axis) {
 // The motions of the base after 0, 1, ..., m axes.
 std::vector<Motion> products(const Chain& chain, const double* q) {
   std::vector<Motion> out(chain.axes() + 1);
-  for (std::size_t i = 0; i < chain.axes(); ++i) out[i + 1] = out[i] * exponential(chain.screw(i), axis_value(chain, q, i));
+  for (std::size_t i = 0; i < chain.axes(); ++i)
+    out[i + 1] = out[i] * exponential(chain.screw(i), axis_value(chain, q, i));
   return out;
 }
 
@@ -150,7 +151,8 @@ void column_derivative(const std::vector<double>& columns, std::size_t j, std::s
 
 void plain_poses(const Chain& chain, const double* q, std::size_t count, double* out) {
   const Motion home = motion(chain.home());
-  for (std::size_t k = 0; k < count; ++k) write_pose(products(chain, q + k * chain.joints()).back() * home, out + 16 * k);
+  for (std::size_t k = 0; k < count; ++k)
+    write_pose(products(chain, q + k * chain.joints()).back() * home, out + 16 * k);
 }
 
 void plain_jacobians(const Chain& chain, const double* q, std::size_t count, JacobianKind kind, double* out) {
@@ -220,7 +222,8 @@ void hessian(const Chain& chain, const double* q, std::size_t count, double* out
   }
 }
 
-void link_poses(const Chain& chain, const std::vector<LinkFrame>& frames, const double* q, std::size_t count, double* out) {
+void link_poses(const Chain& chain, const std::vector<LinkFrame>& frames, const double* q, std::size_t count,
+                double* out) {
   for (std::size_t k = 0; k < count; ++k) {
     const std::vector<Motion> T = products(chain, q + k * chain.joints());
     for (std::size_t f = 0; f < frames.size(); ++f)

@@ -53,7 +53,8 @@ constexpr std::size_t worth_a_thread = 4096;
 // Calls run(first, count) on up to `threads` contiguous parts; true when every part says so.
 template <class Run>
 bool split(std::size_t count, std::size_t threads, Run run) {
-  const std::size_t parts = std::min(std::max<std::size_t>(threads, 1), std::max<std::size_t>(count / worth_a_thread, 1));
+  const std::size_t parts =
+      std::min(std::max<std::size_t>(threads, 1), std::max<std::size_t>(count / worth_a_thread, 1));
   if (parts == 1) return run(std::size_t{0}, count);
   std::atomic<bool> good = true;
   {
@@ -71,9 +72,7 @@ bool split(std::size_t count, std::size_t threads, Run run) {
 
 bool all_finite(const double* numbers, std::size_t count) { return kernels().all_finite(numbers, count); }
 
-bool for_kernels(const Chain& chain) {
-  return !chain.coupled() && chain.axes() > 0 && chain.axes() <= kernel_axes;
-}
+bool for_kernels(const Chain& chain) { return !chain.coupled() && chain.axes() > 0 && chain.axes() <= kernel_axes; }
 
 }  // namespace
 
@@ -107,7 +106,8 @@ bool forward_kinematics(const Chain& chain, const double* q, std::size_t count, 
   });
 }
 
-bool jacobian(const Chain& chain, const double* q, std::size_t count, JacobianKind kind, std::size_t threads, double* out) {
+bool jacobian(const Chain& chain, const double* q, std::size_t count, JacobianKind kind, std::size_t threads,
+              double* out) {
   const std::size_t n = chain.joints();
   if (!for_kernels(chain)) return all_finite(q, count * n) && (plain_jacobians(chain, q, count, kind, out), true);
   if (count == 1 && kind == JacobianKind::geometric) {

@@ -28,8 +28,8 @@ struct Kernels {
   // True when every number is finite.
   bool (*all_finite)(const double* numbers, std::size_t count);
   // One target (4x4); `seed` is null or a point of the search space that is tried first.
-  void (*solve_numeric)(const Folded&, const SearchSpace&, const TargetRows&, const NumericOptions&, const double* target,
-                        const double* seed, NumericAnswer&);
+  void (*solve_numeric)(const Folded&, const SearchSpace&, const TargetRows&, const NumericOptions&,
+                        const double* target, const double* seed, NumericAnswer&);
 };
 
 // Number of axes that the kernels take.

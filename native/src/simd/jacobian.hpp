@@ -95,8 +95,8 @@ PIEPER_INLINE void cross(const V* a, const V* b, V* out) {
 
 // Column of axis i: linear part, then angular.
 template <class V>
-PIEPER_INLINE void column(const Folded& chain, const Pose<V>& tip, const Axes<V>& axes, std::size_t i, pieper::JacobianKind kind,
-                   V* out) {
+PIEPER_INLINE void column(const Folded& chain, const Pose<V>& tip, const Axes<V>& axes, std::size_t i,
+                          pieper::JacobianKind kind, V* out) {
   const Axis& axis = chain.axes[i];
   V z[3];
   for (int r = 0; r < 3; ++r) z[r] = axis.sign * axes.z[i][r];

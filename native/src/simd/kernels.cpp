@@ -122,13 +122,16 @@ bool poses_of(const Folded& chain, const double* q, std::size_t count, double* o
 
 bool poses(const Folded& chain, const double* q, std::size_t count, double* out) {
   switch (chain.count) {
-    case 5: return poses_of<5>(chain, q, count, out);
-    case 6: return poses_of<6>(chain, q, count, out);
-    case 7: return poses_of<7>(chain, q, count, out);
-    default: return poses_of<0>(chain, q, count, out);
+    case 5:
+      return poses_of<5>(chain, q, count, out);
+    case 6:
+      return poses_of<6>(chain, q, count, out);
+    case 7:
+      return poses_of<7>(chain, q, count, out);
+    default:
+      return poses_of<0>(chain, q, count, out);
   }
 }
-
 
 void columns(const Folded& chain, const Vec* joints, pieper::JacobianKind kind, Vec* numbers) {
   const std::size_t n = chain.count;
@@ -222,6 +225,7 @@ bool all_finite(const double* numbers, std::size_t count) {
 
 namespace pieper {
 extern const Kernels PIEPER_JOIN(kernels_, PIEPER_ISA);
-const Kernels PIEPER_JOIN(kernels_, PIEPER_ISA){PIEPER_TEXT(PIEPER_ISA), lanes, poses, jacobians, manipulabilities,
-                                                pose_and_jacobian,       sincos_of, all_finite, solve_numeric_target};
+const Kernels PIEPER_JOIN(kernels_, PIEPER_ISA){
+    PIEPER_TEXT(PIEPER_ISA), lanes,     poses,      jacobians,           manipulabilities,
+    pose_and_jacobian,       sincos_of, all_finite, solve_numeric_target};
 }  // namespace pieper

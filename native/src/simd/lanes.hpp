@@ -137,12 +137,14 @@ PIEPER_INLINE void scatter(const Vec* numbers, std::size_t width, double* to, st
     transpose(block);
 #if PIEPER_LANES == 8
     if (streamed) {
-      for (std::size_t l = 0; l < lanes; ++l) _mm512_stream_pd(to + l * stride + k, reinterpret_cast<__m512d>(block[l]));
+      for (std::size_t l = 0; l < lanes; ++l)
+        _mm512_stream_pd(to + l * stride + k, reinterpret_cast<__m512d>(block[l]));
       continue;
     }
 #elif PIEPER_LANES == 4
     if (streamed) {
-      for (std::size_t l = 0; l < lanes; ++l) _mm256_stream_pd(to + l * stride + k, reinterpret_cast<__m256d>(block[l]));
+      for (std::size_t l = 0; l < lanes; ++l)
+        _mm256_stream_pd(to + l * stride + k, reinterpret_cast<__m256d>(block[l]));
       continue;
     }
 #endif
@@ -202,7 +204,8 @@ PIEPER_INLINE void read_records(const double* from, std::size_t n, Vec* numbers)
   if (n <= 8) {
     const __m256i count = _mm256_set1_epi64x(static_cast<long long>(n));
     for (std::size_t k = 0; k < n; k += 4) {
-      const __m256i index = _mm256_add_epi64(_mm256_set1_epi64x(static_cast<long long>(k)), _mm256_set_epi64x(3, 2, 1, 0));
+      const __m256i index =
+          _mm256_add_epi64(_mm256_set1_epi64x(static_cast<long long>(k)), _mm256_set_epi64x(3, 2, 1, 0));
       const __m256i mask = _mm256_cmpgt_epi64(count, index);
       for (std::size_t l = 0; l < 4; ++l)
         numbers[k + l] = reinterpret_cast<Vec>(_mm256_maskload_pd(from + l * n + k, mask));
