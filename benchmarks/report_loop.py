@@ -5,7 +5,7 @@ The report solves the position of an MH12 (five screws, joint 4 held) from zero 
     theta <- theta + 0.06 pinv(J) e,   e = target - p(theta),   pinv(J) = J^T (J J^T)^-1,   255 times,
 
 and in every iteration puts numbers into the SymPy expressions of p and J. That loop is written here again; a few of its
-iterations are timed, the rest is extrapolated, or with --full all are run. Beside it: the same rule with our kernels, which
+iterations are timed, the rest is extrapolated, or with --full all are run. Beside it: the same rule in pieper.ik.iteration, which
 has to give the same angles, and our solver from the same start, to 1e-9 m.
 
     python benchmarks/report_loop.py [--iterations 5 | --full]
@@ -73,14 +73,12 @@ def report(symbolic: Symbolic, target: np.ndarray, iterations: int) -> tuple[np.
     return theta, seconds
 
 
-def same_rule(arm: object, target: np.ndarray, iterations: int) -> np.ndarray:
-    """The same rule with our forward kinematics and Jacobian."""
-    theta, T, J = np.zeros(arm.dof), np.empty((4, 4)), np.empty((6, arm.dof))
-    for _ in range(iterations):
-        arm.fk(theta, out=T)
-        arm.jacobian(theta, out=J)
-        theta = step(theta, T[:3, 3], J[:3], target)
-    return theta
+def same_rule(arm: object, iterations: int) -> np.ndarray:
+    """The same rule as the package offers it: the angles after so many steps."""
+    from pieper.ik import iteration
+
+    start = np.zeros(arm.dof)
+    return iteration.run(arm.chain, TARGET, start, alpha=STEP, iterations=iterations, target_offset=SHIFT).q
 
 
 def main() -> None:
@@ -101,9 +99,9 @@ def main() -> None:
     sympy_loop = sum(seconds) + statistics.median(seconds) * (ITERATIONS - iterations)
 
     five, six = pieper.load("mh12-report"), pieper.load("mh12")
-    difference = float(np.abs(same_rule(five, target, iterations) - theta).max())
+    difference = float(np.abs(same_rule(five, iterations) - theta).max())
     assert difference < 1e-12
-    last = same_rule(five, target, ITERATIONS)
+    last = same_rule(five, ITERATIONS)
     goals = {
         "the report's five joints": (five, ignore_orientation(target)),
         "all six": (six, ignore_orientation(TARGET)),
@@ -118,9 +116,9 @@ def main() -> None:
 
     zeros = {name: np.zeros(arm.dof) for name, (arm, _) in goals.items()}
     statements = {
-        "the same rule with our kernels, 255 steps": (
-            "loop(arm, p, n)",
-            {"loop": same_rule, "arm": five, "p": target, "n": ITERATIONS},
+        "pieper.ik.iteration, the same rule, 255 steps": (
+            "loop(arm, n)",
+            {"loop": same_rule, "arm": five, "n": ITERATIONS},
         ),
     }
     for name, (arm, goal) in goals.items():
