@@ -43,9 +43,8 @@ if __name__ == "__main__":
         while len(rounded) < 6:
             rounded.append(mp.mpf(float(fit(function, power, rounded, 6 - len(rounded))[0])))
         worst = max(
-            abs(mp.polyval(rounded[::-1], z) - function(z)) * z**power
-            for z in (END * k / 400 for k in range(1, 401))
+            abs(mp.polyval(rounded[::-1], z) - function(z)) * z**power for z in (END * k / 400 for k in range(1, 401))
         )
-        print(name, "error 2^%.1f" % float(mp.log(worst, 2)))
+        print(name, f"error 2^{float(mp.log(worst, 2)):.1f}")
         for c in rounded:
             print(f"    {float(c)!r},  // {float(c).hex()}")

@@ -7,7 +7,10 @@ results, not exceptions; only malformed input raises.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 
 class PieperError(Exception):

@@ -1,6 +1,6 @@
 """Inverse kinematics by iteration, for any chain: damped least squares from many starts at once.
 
-The step is that of Levenberg and Marquardt with the damping of Chan and Lawrence,
+The step is that of Levenberg and Marquardt with the damping of Chan and Lawrence::
 
     dq = J^T (J J^T + lambda I)^-1 e,        lambda = c |e|^2 / 2,
 
