@@ -531,7 +531,7 @@ class NumericSolver {
   void cut_across(Near& near) {
     const std::size_t n = space_.joints;
     for (std::size_t i = 0; i < n; ++i) q_[i] = splat(near.q[i]);
-    for (int k = 0; k < newton_steps; ++k) {
+    for (int k = 0; k < newton_steps && near.cost > rounding; ++k) {
       Errors here = evaluate(chain_, space_, goal_, q_, columns_);
       ++answer_.steps;
       if (lane(here.cost, 0) < near.cost) {
@@ -550,7 +550,8 @@ class NumericSolver {
   static constexpr double patience = 5;          // steps that may go by without it
   static constexpr int settle_steps = 400;
   static constexpr double almost_there = 1e-10;  // half the squared error below which a solution is likely
-  static constexpr int newton_steps = 20;
+  static constexpr int newton_steps = 200;
+  static constexpr double rounding = 1e-28;  // half the squared error that is left at the end of the digits
   static constexpr double worth_settling = 1e-10;  // of the squared error, in one step
 
   const Folded& chain_;
