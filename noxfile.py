@@ -54,7 +54,6 @@ def lint(session: nox.Session) -> None:
 def types(session: nox.Session) -> None:
     """Check types: strict in src and examples."""
     install_pieper(session, "lint", "test")
-    session.install("nox")
     session.run("mypy", *session.posargs)
 
 
