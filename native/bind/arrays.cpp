@@ -1,5 +1,7 @@
 #include "arrays.hpp"
 
+#include <limits>
+
 #include "pieper/kernels.hpp"
 
 namespace pieper::bind {
@@ -77,8 +79,10 @@ Input::~Input() {
   if (held_) PyBuffer_Release(&view_);
 }
 
-void Input::require_finite() const {
-  if (!kernels().all_finite(data_, count_ * width_)) not_plain(what_);
+void Input::require_finite() const { require_within(std::numeric_limits<double>::max()); }
+
+void Input::require_within(double limit) const {
+  if (!kernels().all_within(data_, count_ * width_, limit)) not_plain(what_);
 }
 
 Output::Output(const std::vector<Py_ssize_t>& leading, std::initializer_list<std::size_t> inner, nb::handle out,

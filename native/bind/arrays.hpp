@@ -28,6 +28,7 @@ class Input {
   std::size_t count() const { return count_; }  // product of the leading axes
   const std::vector<Py_ssize_t>& leading() const { return leading_; }
   void require_finite() const;
+  void require_within(double limit) const;
 
  private:
   bool read_sequence(nb::handle object, std::size_t n);

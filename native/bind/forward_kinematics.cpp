@@ -25,7 +25,7 @@ void bind_forward_kinematics(nb::class_<NativeChain>& chain) {
       "link_poses",
       [](const NativeChain& self, nb::handle q, nb::handle after, nb::handle homes) {
         const Input joints(q, {self.chain.joints()}, "q");
-        joints.require_finite();
+        joints.require_within(largest_joint_value);
         const Input home(homes, {4, 4}, "homes");
         std::vector<LinkFrame> frames;
         for (nb::handle item : after) {

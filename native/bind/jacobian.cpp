@@ -41,7 +41,7 @@ void bind_jacobian(nb::class_<NativeChain>& chain) {
       [](const NativeChain& self, nb::handle q, nb::handle dq) {
         const std::size_t n = self.chain.joints();
         const Input joints(q, {n}, "q"), speeds(dq, {n}, "dq");
-        joints.require_finite(), speeds.require_finite();
+        joints.require_within(largest_joint_value), speeds.require_within(largest_joint_value);
         if (joints.leading() != speeds.leading()) not_plain("dq");
         const Output rates(joints.leading(), {6, n}, nb::none());
         without_lock(joints.count(),
@@ -55,7 +55,7 @@ void bind_jacobian(nb::class_<NativeChain>& chain) {
       [](const NativeChain& self, nb::handle q) {
         const std::size_t n = self.chain.joints();
         const Input joints(q, {n}, "q");
-        joints.require_finite();
+        joints.require_within(largest_joint_value);
         const Output derivatives(joints.leading(), {n, 6, n}, nb::none());
         without_lock(joints.count(), [&] { hessian(self.chain, joints.data(), joints.count(), derivatives.data()); });
         return derivatives.array();

@@ -70,7 +70,7 @@ bool split(std::size_t count, std::size_t threads, Run run) {
   return good;
 }
 
-bool all_finite(const double* numbers, std::size_t count) { return kernels().all_finite(numbers, count); }
+bool usable(const double* q, std::size_t count) { return kernels().all_within(q, count, largest_joint_value); }
 
 bool for_kernels(const Chain& chain) { return !chain.coupled() && chain.axes() > 0 && chain.axes() <= kernel_axes; }
 
@@ -92,9 +92,9 @@ bool use_instruction_set(const std::string& name) {
 
 bool forward_kinematics(const Chain& chain, const double* q, std::size_t count, std::size_t threads, double* out) {
   const std::size_t n = chain.joints();
-  if (!for_kernels(chain)) return all_finite(q, count * n) && (plain_poses(chain, q, count, out), true);
+  if (!for_kernels(chain)) return usable(q, count * n) && (plain_poses(chain, q, count, out), true);
   if (count == 1) {
-    if (!all_finite(q, n)) return false;
+    if (!usable(q, n)) return false;
     double pose[12];
     kernels().pose_and_jacobian(chain.folded(), q, pose, nullptr);
     std::copy(pose, pose + 12, out);
@@ -109,9 +109,9 @@ bool forward_kinematics(const Chain& chain, const double* q, std::size_t count, 
 bool jacobian(const Chain& chain, const double* q, std::size_t count, JacobianKind kind, std::size_t threads,
               double* out) {
   const std::size_t n = chain.joints();
-  if (!for_kernels(chain)) return all_finite(q, count * n) && (plain_jacobians(chain, q, count, kind, out), true);
+  if (!for_kernels(chain)) return usable(q, count * n) && (plain_jacobians(chain, q, count, kind, out), true);
   if (count == 1 && kind == JacobianKind::geometric) {
-    if (!all_finite(q, n)) return false;
+    if (!usable(q, n)) return false;
     kernels().pose_and_jacobian(chain.folded(), q, nullptr, out);
     return true;
   }
@@ -122,7 +122,7 @@ bool jacobian(const Chain& chain, const double* q, std::size_t count, JacobianKi
 
 bool manipulability(const Chain& chain, const double* q, std::size_t count, std::size_t threads, double* out) {
   const std::size_t n = chain.joints();
-  if (!for_kernels(chain)) return all_finite(q, count * n) && (plain_manipulability(chain, q, count, out), true);
+  if (!for_kernels(chain)) return usable(q, count * n) && (plain_manipulability(chain, q, count, out), true);
   return split(count, threads, [&](std::size_t first, std::size_t some) {
     return kernels().manipulability(chain.folded(), q + first * n, some, out + first);
   });

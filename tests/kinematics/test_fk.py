@@ -229,6 +229,7 @@ def test_float32_integers_and_strides_are_converted():
         (0.0, r"got \(\)"),
         ([0.0, 1.0, np.nan, 0.0, 0.0, 0.0], r"q must be finite, got q\[2\] = nan \(joint 'elbow_joint'\)"),
         (np.full((2, 6), np.inf), r"got q\[0, 0\] = inf"),
+        ([0.0, 0.0, 0.0, -2e15, 0.0, 0.0], r"must not exceed 1e\+15, .* got q\[3\] = -2000000000000000.0"),
         (["a"] * 6, "q must be real numbers, got dtype <U1"),
         ([1j] * 6, "got dtype complex128"),
         ([None] * 6, "got dtype object"),

@@ -13,7 +13,7 @@ namespace pieper {
 // geometric: velocity of the tip origin and angular velocity, both in base axes; space and body: twists of the tip.
 enum class JacobianKind : int { geometric = 0, space = 1, body = 2 };
 
-// Configurations are (count, n) row-major. The batch kernels return false when a joint value is not finite; what they wrote
+// Configurations are (count, n) row-major. The batch kernels return false when a joint value is too large or no number; what they wrote
 // until then means nothing. Poses are written as (count, 4, 4), Jacobians as (count, 6, n).
 // Chains with mimic joints or more than max_axes axes are not for these: see forward_kinematics() below.
 struct Kernels {
@@ -25,12 +25,15 @@ struct Kernels {
   // One configuration: pose as 3x4 row-major, and the geometric Jacobian as 6 x m row-major (either may be null).
   void (*pose_and_jacobian)(const Folded&, const double* q, double* pose, double* jacobian);
   void (*sincos)(const double* angle, std::size_t count, double* sine, double* cosine);
-  // True when every number is finite.
-  bool (*all_finite)(const double* numbers, std::size_t count);
+  // True when no magnitude exceeds the limit and every number is one.
+  bool (*all_within)(const double* numbers, std::size_t count, double limit);
   // One target (4x4); `seed` is null or a point of the search space that is tried first.
   void (*solve_numeric)(const Folded&, const SearchSpace&, const TargetRows&, const NumericOptions&,
                         const double* target, const double* seed, NumericAnswer&);
 };
+
+// No joint value may exceed this [rad or m]: an angle beyond it has no digits left, and nothing overflows below it.
+inline constexpr double largest_joint_value = 1e15;
 
 // Number of axes that the kernels take.
 inline constexpr std::size_t kernel_axes = 32;
@@ -44,7 +47,7 @@ std::vector<std::string> instruction_sets();
 // Chooses by name; false when it is not among instruction_sets().
 bool use_instruction_set(const std::string& name);
 
-// The public entry points: any chain, any count, `threads` workers. False when a joint value is not finite.
+// The public entry points: any chain, any count, `threads` workers. False when a joint value is too large or no number.
 bool forward_kinematics(const Chain&, const double* q, std::size_t count, std::size_t threads, double* out);
 bool jacobian(const Chain&, const double* q, std::size_t count, JacobianKind, std::size_t threads, double* out);
 bool manipulability(const Chain&, const double* q, std::size_t count, std::size_t threads, double* out);

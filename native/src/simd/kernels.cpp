@@ -19,18 +19,18 @@ bool goes_past_cache(const double* out, std::size_t doubles) {
 // An angle beyond small_angle in [-pi, pi]; exact to the last place, which adding up large angles would not be.
 double reduced(double angle) { return std::atan2(std::sin(angle), std::cos(angle)); }
 
-// Large angles reduced in place; false when a value is not finite. Kept out of the way of the common case.
+// Large angles reduced in place; false when a value is too large or no number. Kept out of the way of the common case.
 PIEPER_OUT_OF_LINE bool reduce_joints(const Folded& chain, Vec* joints) {
   for (std::size_t i = 0; i < chain.count; ++i)
     for (std::size_t l = 0; l < lanes; ++l) {
       double& value = lane(joints[i], l);
-      if (!std::isfinite(value)) return false;
+      if (!(std::fabs(value) <= pieper::largest_joint_value)) return false;
       if (chain.axes[i].revolute && std::fabs(value) > small_angle) value = reduced(value);
     }
   return true;
 }
 
-// The joint values of `lanes` configurations, large angles reduced; false when one is not finite.
+// The joint values of `lanes` configurations, large angles reduced; false when one is too large or no number.
 PIEPER_INLINE bool load_joints(const Folded& chain, std::size_t n, const double* q, Vec* joints) {
   read_records(q, n, joints);
   Vec squares = joints[0] * joints[0];  // not a number, or infinite, when any of them is
@@ -58,7 +58,7 @@ inline void prefetch_joints(const double* q, std::size_t n) {
 }
 
 // Calls `block(joints, out, streamed)` for every `lanes` configurations; the last, incomplete block works on copies.
-// False as soon as a joint value is not finite.
+// False as soon as a joint value is too large or no number.
 template <class Block>
 bool for_blocks(const Folded& chain, const double* q, std::size_t count, double* out, std::size_t width, Block block) {
   const std::size_t n = chain.count;
@@ -202,18 +202,13 @@ void sincos_of(const double* angle, std::size_t count, double* sine, double* cos
   }
 }
 
-bool all_finite(const double* numbers, std::size_t count) {
-  // x - x is 0 for a finite x and NaN for the rest
-  Vec sum = splat(0.0);
+bool all_within(const double* numbers, std::size_t count, double limit) {
   std::size_t k = 0;
-  for (; k + lanes <= count; k += lanes) {
-    const Vec x = load(numbers + k);
-    sum += x - x;
-  }
-  double rest = 0;
-  for (; k < count; ++k) rest += numbers[k] - numbers[k];
-  for (std::size_t l = 0; l < lanes; ++l) rest += lane(sum, l);
-  return rest == 0;
+  for (; k + lanes <= count; k += lanes)
+    if (!all(magnitude(load(numbers + k)) <= limit)) return false;
+  for (; k < count; ++k)
+    if (!(std::fabs(numbers[k]) <= limit)) return false;
+  return true;
 }
 
 }  // namespace
@@ -227,5 +222,5 @@ namespace pieper {
 extern const Kernels PIEPER_JOIN(kernels_, PIEPER_ISA);
 const Kernels PIEPER_JOIN(kernels_, PIEPER_ISA){
     PIEPER_TEXT(PIEPER_ISA), lanes,     poses,      jacobians,           manipulabilities,
-    pose_and_jacobian,       sincos_of, all_finite, solve_numeric_target};
+    pose_and_jacobian,       sincos_of, all_within, solve_numeric_target};
 }  // namespace pieper

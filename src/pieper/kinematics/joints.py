@@ -13,6 +13,9 @@ if TYPE_CHECKING:
 
     from pieper.model.chain import Chain
 
+LARGEST = 1e15
+"""Largest magnitude of a joint value [rad or m]; the kernels refuse more, and nothing overflows below it."""
+
 
 def as_joints(chain: Chain, q: ArrayLike, *, name: str = "q") -> NDArray[np.float64]:
     """A C-contiguous float64 array of joint values, or an error that says what is wrong with them.
@@ -32,7 +35,7 @@ def as_joints(chain: Chain, q: ArrayLike, *, name: str = "q") -> NDArray[np.floa
     Raises
     ------
     ArrayError
-        Wrong last dimension, not real numbers, NaN or infinite.
+        Wrong last dimension, not real numbers, NaN, infinite, or beyond `LARGEST`.
     """
     try:
         array = np.asarray(q)
@@ -48,11 +51,13 @@ def as_joints(chain: Chain, q: ArrayLike, *, name: str = "q") -> NDArray[np.floa
             f"the joints of {chain.name!r} are: {', '.join(chain.joint_names)}"
         )
     values = np.ascontiguousarray(array, dtype=np.float64)
-    finite = np.isfinite(values)
-    if not finite.all():
-        where = tuple(int(i) for i in np.argwhere(~finite)[0])
-        at = f"{name}[{', '.join(map(str, where))}]"
-        raise ArrayError(f"{name} must be finite, got {at} = {values[where]} (joint {chain.joint_names[where[-1]]!r})")
+    good = np.abs(values) <= LARGEST
+    if not good.all():
+        where = tuple(int(i) for i in np.argwhere(~good)[0])
+        at = f"{name}[{', '.join(map(str, where))}] = {values[where]} (joint {chain.joint_names[where[-1]]!r})"
+        if np.isfinite(values[where]):
+            raise ArrayError(f"{name} must not exceed {LARGEST:g}, beyond which an angle has no digits left; got {at}")
+        raise ArrayError(f"{name} must be finite, got {at}")
     return values
 
 
