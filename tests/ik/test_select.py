@@ -1,0 +1,145 @@
+"""Choosing among answers: copies by whole turns, limits, and nearness."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pieper.errors import ArrayError
+from pieper.ik import select
+from pieper.ik.solutions import IKSolutions, Nearest, Status
+from pieper.ik.solve import solve
+from pieper.kinematics.fk import fk
+from pieper.model.chain import Chain
+from tests.robots import chain
+
+TURN = 2 * np.pi
+
+
+def arm_with(limits, slides=()):
+    """Joints about or along z; the geometry does not matter here."""
+    n = len(limits)
+    screws = [[0, 0, 1, 0, 0, 0] if i in slides else [0, -i, 0, 0, 0, 1] for i in range(n)]
+    return Chain("arm", screws, np.eye(4), limits, [f"j{i}" for i in range(n)])
+
+
+def answers_with(arm, q, valid=None):
+    """Made-up answers (..., k, n)."""
+    q = np.asarray(q, dtype=float)
+    valid = np.ones(q.shape[:-1], bool) if valid is None else np.asarray(valid)
+    none = np.full(q.shape[:-2], np.nan)
+    return IKSolutions(
+        chain=arm,
+        q=np.where(valid[..., None], q, np.nan),
+        valid=valid,
+        position_error=np.where(valid, 1e-12, np.nan),
+        rotation_error=np.where(valid, 1e-12, np.nan),
+        within_limits=valid,
+        status=np.where(valid.any(axis=-1), Status.reached, Status.unreachable).astype(np.int8),
+        nearest=Nearest(np.full((*q.shape[:-2], q.shape[-1]), np.nan), none, none, none),
+        complete=True,
+        position_tolerance=1e-9,
+        rotation_tolerance=1e-9,
+    )
+
+
+def test_within_limits_takes_the_copy_inside():
+    arm = arm_with([[-4.0, -1.0], [-1.0, 1.0]])
+    answers = select.within_limits(answers_with(arm, [[3.0, 0.5], [3.0, 2.0], [-0.5, 0.0]]), arm)
+    assert answers.valid.tolist() == [True, False, False]
+    assert answers.within_limits.tolist() == [True, False, False]
+    np.testing.assert_allclose(answers.q[0], [3.0 - TURN, 0.5])
+    assert np.isnan(answers.q[1:]).all()
+    assert np.isnan(answers.position_error[1:]).all()
+    assert answers.position_error[0] == 1e-12
+
+
+def test_within_limits_leaves_good_answers_where_they_are():
+    arm = arm_with([[-10.0, 10.0], [-np.inf, np.inf]])
+    q = [[9.0, 50.0], [-9.9, -3.0]]
+    np.testing.assert_array_equal(select.within_limits(answers_with(arm, q)).q, q)
+
+
+def test_slides_have_no_copies():
+    arm = arm_with([[-1.0, 1.0]], slides=[0])
+    answers = answers_with(arm, [[0.5 + TURN]])
+    assert not select.within_limits(answers).valid.any()
+    np.testing.assert_allclose(select.nearest(answers, [0.0]), [0.5 + TURN])
+
+
+def test_nothing_left_is_said():
+    arm = arm_with([[-1.0, 1.0]])
+    answers = select.within_limits(answers_with(arm, [[2.0]]))
+    assert not answers.reached
+    assert "no answer is left" in answers.reason
+
+
+def brute_force_nearest(arm, answers, q):
+    best, distance = None, np.inf
+    for found in answers.q[answers.valid]:
+        for turns in product(range(-4, 5), repeat=len(q)):
+            copy = found + TURN * np.array(turns)
+            inside = np.all((copy >= arm.limits[:, 0]) & (copy <= arm.limits[:, 1]))
+            if inside and np.linalg.norm(copy - q) < distance:
+                best, distance = copy, np.linalg.norm(copy - q)
+    return best, distance
+
+
+ANGLE = st.floats(-3.1, 3.1)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(ANGLE, ANGLE), min_size=1, max_size=4), st.tuples(st.floats(-8, 8), st.floats(-8, 8)))
+def test_nearest_is_the_nearest_copy_of_all(found, q):
+    arm = arm_with([[-7.0, 7.0], [-4.0, 9.0]])
+    answers = select.within_limits(answers_with(arm, found), arm)
+    chosen = select.nearest(answers, q)
+    if not answers.reached:
+        assert np.isnan(chosen).all()
+        return
+    _, distance = brute_force_nearest(arm, answers, np.array(q))
+    assert np.linalg.norm(chosen - q) == pytest.approx(distance, abs=1e-12)
+    assert np.all((chosen >= arm.limits[:, 0]) & (chosen <= arm.limits[:, 1]))
+
+
+def test_weights_change_the_choice():
+    arm = arm_with([[-3.0, 3.0]] * 2)
+    answers = answers_with(arm, [[1.0, 0.0], [0.0, 1.5]])
+    np.testing.assert_array_equal(select.nearest(answers, [0.0, 0.0]), [1.0, 0.0])
+    np.testing.assert_array_equal(select.nearest(answers, [0.0, 0.0], weights=[10.0, 1.0]), [0.0, 1.5])
+
+
+def test_batches_and_missing_answers():
+    arm = arm_with([[-3.0, 3.0]])
+    answers = answers_with(arm, [[[1.0], [2.0]], [[1.0], [2.0]]], valid=[[True, True], [False, False]])
+    chosen = select.nearest(answers, [1.9])
+    np.testing.assert_array_equal(chosen, [[2.0], [np.nan]])
+    assert select.nearest(replace(answers, q=answers.q[:, :0], valid=answers.valid[:, :0]), [0.0]).shape == (2, 1)
+
+
+def test_all_of_a_real_arm():
+    arm = chain("ur5e")
+    q = np.array([0.1, -1.2, 1.4, -1.7, -1.5, 0.3])
+    answers = solve(arm, fk(arm, q), count=8)
+    now = q + np.array([0.02, 0.01, -0.02, 0.01, 0.0, 0.3 - TURN])
+    chosen = select.nearest(select.within_limits(answers, arm), now)
+    np.testing.assert_allclose(chosen, q - np.array([0, 0, 0, 0, 0, TURN]), atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("q", "options", "message"),
+    [
+        ([0.0], {}, r"q must have shape \(..., 2\), got \(1,\)"),
+        (np.zeros((3, 2)), {}, r"q must have leading axes that broadcast to \(\), got shape \(3, 2\)"),
+        ([0.0, 0.0], {"weights": [1.0]}, r"weights must have shape \(..., 2\)"),
+        ([0.0, np.nan], {}, "q must be finite"),
+    ],
+)
+def test_says_what_is_wrong(q, options, message):
+    with pytest.raises(ArrayError, match=message):
+        select.nearest(answers_with(arm_with([[-1.0, 1.0]] * 2), [[0.0, 0.0]]), q, **options)
