@@ -123,7 +123,7 @@ ensure_python() {
 venv_is_sound() {
   [ -x "$python" ] && python_has version "$python" && python_has headers "$python" &&
     [ "$("$python" -c 'import sys, pip; print(sys.prefix)' 2>/dev/null)" = "$venv" ] &&
-    [[ $(head -n 1 "$venv/bin/pip" 2>/dev/null) == "#!$venv/bin/python"* ]] || return 1
+    [[ $(head -n 2 "$venv/bin/pip" 2>/dev/null) == *"$venv/bin/python"* ]] || return 1 # not moved since
   [ -z "${PYTHON:-}" ] || [ "$("$python" -c "$identity")" = "$("$PYTHON" -c "$identity")" ]
 }
 identity='import sys; print(sys.version, sys.base_prefix)'
