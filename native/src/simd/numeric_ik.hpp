@@ -490,37 +490,50 @@ class NumericSolver {
     double q[max_axes];
   };
 
-  // Goes on from a point until it gets no nearer. Each lane tries another damping, a factor of eight apart, and the
-  // best of them is taken.
+  // The best lane of `tried`, kept in `near` when it is nearer; returns its number, or `lanes` when none is.
+  std::size_t improve(Near& near, const Vec* tried) {
+    Vec costs = evaluate(chain_, space_, goal_, tried, columns_).cost;
+    ++answer_.steps;
+    std::size_t winner = 0;
+    for (std::size_t l = 1; l < lanes; ++l)
+      if (lane(costs, l) < lane(costs, winner)) winner = l;
+    if (!(lane(costs, winner) < near.cost)) return lanes;
+    near.cost = lane(costs, winner);
+    for (std::size_t i = 0; i < space_.joints; ++i) {
+      Vec joint = tried[i];
+      near.q[i] = lane(joint, winner);
+    }
+    return winner;
+  }
+
+  // Goes on from a point until it gets no nearer. Each lane tries another damping, a factor of eight apart, and the best of
+  // them is taken; then each lane tries to leap further the same way, since far from a solution damped steps come too short.
   NumericStatus settle(Near& near) {
     const std::size_t n = space_.joints;
-    Vec ladder = splat(1.0);
+    Vec ladder = splat(1.0), leaps = splat(1.0);
     for (std::size_t l = 0; l < lanes; ++l)
-      for (std::size_t k = 0; k < l; ++k) lane(ladder, l) *= 0.125;
-    for (std::size_t i = 0; i < n; ++i) q_[i] = splat(near.q[i]);
+      for (std::size_t k = 0; k < l; ++k) lane(ladder, l) *= 0.125, lane(leaps, l) *= 3;
     double damping = near.cost;
     std::size_t idle = 0;
     for (int k = 0; k < settle_steps && idle < 4; ++k) {
+      const Near from = near;
+      for (std::size_t i = 0; i < n; ++i) q_[i] = splat(from.q[i]);
       const Errors here = evaluate(chain_, space_, goal_, q_, columns_);
+      ++answer_.steps;
       hold_at_limits(space_, q_, here, columns_);
-      Vec step[max_axes], tried[max_axes];
+      Vec step[max_axes];
       damped_step(columns_, n, here.rows, damping * ladder + least_damping, step);
-      for (std::size_t i = 0; i < n; ++i) tried[i] = q_[i];
-      move(space_, step, tried);
-      Vec costs = evaluate(chain_, space_, goal_, tried, columns_).cost;
-      answer_.steps += 2;
-      std::size_t winner = 0;
-      for (std::size_t l = 1; l < lanes; ++l)
-        if (lane(costs, l) < lane(costs, winner)) winner = l;
-      const double reached = lane(costs, winner);
-      idle = reached < near.cost * (1 - worth_settling) ? 0 : idle + 1;
-      if (reached < near.cost) {
-        near.cost = reached;
-        for (std::size_t i = 0; i < n; ++i) near.q[i] = lane(tried[i], winner), q_[i] = splat(near.q[i]);
-        damping *= lane(ladder, winner) * (lanes > 1 ? 8 : 0.25);
-      } else {
+      move(space_, step, q_);
+      const std::size_t winner = improve(near, q_);
+      if (winner == lanes) {
         damping *= 32;
+      } else {
+        damping *= lane(ladder, winner) * (lanes > 1 ? 8 : 0.25);
+        for (std::size_t i = 0; i < n; ++i) q_[i] = splat(near.q[i]), step[i] = leaps * (near.q[i] - from.q[i]);
+        move(space_, step, q_);
+        improve(near, q_);
       }
+      idle = near.cost < from.cost * (1 - worth_settling) ? 0 : idle + 1;
     }
     if (near.cost < almost_there) cut_across(near);
     return idle > 0 ? NumericStatus::unreachable : NumericStatus::not_converged;
@@ -551,7 +564,7 @@ class NumericSolver {
   static constexpr int settle_steps = 400;
   static constexpr double almost_there = 1e-10;  // half the squared error below which a solution is likely
   static constexpr int newton_steps = 200;
-  static constexpr double rounding = 1e-28;  // half the squared error that is left at the end of the digits
+  static constexpr double rounding = 1e-28;        // half the squared error that is left at the end of the digits
   static constexpr double worth_settling = 1e-10;  // of the squared error, in one step
 
   const Folded& chain_;

@@ -134,9 +134,10 @@ class IKSolutions:
         near = self.nearest
         position, rotation = float(near.position_error[index]), float(near.rotation_error[index])
         left = f"the nearest pose found leaves {_left(position, rotation)}"
-        if status is Status.not_converged:
-            return f"not converged: {left}; allow more restarts or iterations, or give a seed"
         out = float(near.out_of_reach[index])
+        if status is Status.not_converged:
+            far = f", and the position is out of reach by {out:.3g} m" if out > self.position_tolerance else ""
+            return f"not converged: {left} and was still getting nearer{far}"
         if out > self.position_tolerance:
             return f"out of reach by {out:.3g} m; {left}"
         if not np.isnan(out):
