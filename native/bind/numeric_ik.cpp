@@ -95,7 +95,7 @@ void bind_numeric_ik(nb::module_& module, nb::class_<NativeChain>& chain) {
         std::optional<Input> starts;
         if (!seeds.is_none()) {
           starts.emplace(seeds, std::initializer_list<std::size_t>{n}, "seeds");
-          starts->require_finite();
+          starts->require_within(largest_joint_value);
           if (starts->count() != T.count()) not_plain("seeds");
         }
         const NumericOptions options{position_tolerance, rotation_tolerance, restarts, iterations, count, distinct};

@@ -63,10 +63,9 @@ Distance measure(const double* target, const double* pose, const TargetRows& row
     distance.rotation = all ? angle : std::sqrt(square);
   }
   if (rows.position_in_tool) in_tool(p);
-  double square = 0;
   for (int r = 0; r < 3; ++r)
-    if (rows.weights[r] != 0) square += p[r] * p[r];
-  distance.position = std::sqrt(square);
+    if (rows.weights[r] == 0) p[r] = 0;
+  distance.position = std::hypot(p[0], p[1], p[2]);
   return distance;
 }
 
@@ -129,7 +128,7 @@ class Batch {
  private:
   Distance at(const double* target, const double* q) const {
     double pose[16];
-    forward_kinematics(chain_, q, 1, 1, pose);
+    if (!forward_kinematics(chain_, q, 1, 1, pose)) return {INFINITY, INFINITY};
     return measure(target, pose, rows_);
   }
   bool reached(const Distance& d) const {

@@ -11,6 +11,8 @@ namespace pieper {
 namespace {
 
 constexpr double turn = 2 * std::numbers::pi;
+// Limits beyond this bound nothing [rad or m]; a seed beyond it is too far away to be followed by whole turns.
+constexpr double endless = 1e3;
 constexpr std::size_t table_pages = 4, page_entries = 1024;
 
 // Whole multiples of a turn of this joint leave every axis where it was.
@@ -46,10 +48,10 @@ void SearchTable::set_boxes(const Chain& chain) {
       const double middle = std::min(std::max(0.0, lower + turn / 2), upper - turn / 2);
       first = middle - turn / 2, last = middle + turn / 2;
       lower = -INFINITY, upper = INFINITY;
-    } else if (!std::isfinite(lower) || !std::isfinite(upper)) {
+    } else if (std::abs(lower) > endless || std::abs(upper) > endless) {
       // half unbounded, or an endless slide: start within a metre (or radian) or so
-      first = std::isfinite(lower) ? lower : std::isfinite(upper) ? upper - 2 : -1;
-      last = std::isfinite(upper) ? upper : first + 2;
+      first = std::abs(lower) <= endless ? lower : std::abs(upper) <= endless ? upper - 2 : -1;
+      last = std::abs(upper) <= endless ? upper : first + 2;
     }
     if (periodic) {
       shift = turn * std::round(0.5 * (first + last) / turn);
@@ -117,7 +119,7 @@ void SearchTable::from_search(const double* x, const double* near, double* q) co
   for (std::size_t i = 0; i < space_.joints; ++i) {
     q[i] = x[i] + shift_[i];
     if (turns_[i]) {
-      const double wanted = near ? near[i] : shift_[i] + 0.5 * (first_[i] + last_[i]);
+      const double wanted = near && std::abs(near[i]) <= endless ? near[i] : shift_[i] + 0.5 * (first_[i] + last_[i]);
       q[i] -= turn * std::round((q[i] - wanted) / turn);
       if (q[i] < limits_[2 * i]) q[i] += turn * std::ceil((limits_[2 * i] - q[i]) / turn);
       if (q[i] > limits_[2 * i + 1]) q[i] -= turn * std::ceil((q[i] - limits_[2 * i + 1]) / turn);

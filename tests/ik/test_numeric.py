@@ -149,6 +149,29 @@ def test_reachable_and_not_in_one_batch():
         _ = answers.reason
 
 
+@pytest.mark.parametrize("far", [1e9, 1e100, 1e300])
+def test_absurd_targets_are_missed_and_no_more(far):
+    T = T_SAMPLE.copy()
+    T[:3, 3] = far
+    answers = solve(chain("ur5e"), T)
+    assert not answers.reached
+    assert answers.nearest.position_error == pytest.approx(np.sqrt(3.0) * far)
+    assert np.isfinite(answers.nearest.q).all()
+
+
+def test_limits_that_bound_nothing():
+    for far in (1e9, 1e300):
+        screws = [[1, 0, 0, 0, 0, 0], [0, 1, 0, 0, 0, 0]]
+        arm = Chain("slides", screws, np.eye(4), [[-far, far], [-1.0, far]], ["a", "b"])
+        np.testing.assert_allclose(solve(arm, at(5.0, 20.0)).q[0], [5.0, 20.0], atol=1e-9)
+
+
+def test_limits_many_turns_away():
+    arm = planar(1.0, limits=(1000.0, 1001.0))
+    T = fk(arm, [1000.5])
+    np.testing.assert_allclose(solve(arm, T).q[0], [1000.5], atol=1e-9)
+
+
 def test_too_few_steps_is_not_called_unreachable():
     answers = solve_numeric(chain("ur5e"), T_SAMPLE, iterations=1, restarts=1)
     assert answers.status in (Status.reached, Status.not_converged)  # settling may still get there
@@ -191,6 +214,14 @@ def test_one_seed_for_many_targets():
     answers = solve_numeric(arm, targets, seed=q.tolist())
     assert answers.q.shape == (3, 2, 1, 6)
     np.testing.assert_array_equal(answers.q[2, 1], solve_numeric(arm, targets[2, 1], seed=q).q)
+
+
+@pytest.mark.parametrize("far", [1e3, 1e9, 1e14])
+def test_a_seed_far_away_costs_no_digits(far):
+    arm = chain("kinova_gen3_7dof")  # every other joint turns without limits
+    answers = solve_numeric(arm, fk(arm, [0.1] * 7), seed=[far] * 7)
+    assert answers.reached
+    assert answers.position_error[0] < TOLERANCE
 
 
 # --- several answers
