@@ -1,5 +1,7 @@
 """``pieper reach`` and ``pieper ik``: the answer, its errors, and the exit code."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -130,6 +132,27 @@ def test_steps_are_shown_on_request_only(pieper_command, monkeypatch: pytest.Mon
     assert left[-1] < 1e-3 < left[0]
     assert left == sorted(left, reverse=True)
     assert pieper_command("reach", "mh12", 3, 3, 3, "--animate").code == 1
+
+
+@pytest.mark.parametrize(
+    "arguments", [("mh12", 0.3, 0.3, 0.3), ("ur5e", 2, 0, 0), ("youbot", 0.3, 0, 0.1, "--axis", 0, 0, -1)]
+)
+def test_on_a_terminal_the_same_answer_comes_after_the_steps(
+    pieper_command, monkeypatch: pytest.MonkeyPatch, arguments
+) -> None:
+    from pieper.cli import reach
+
+    monkeypatch.setattr(reach, "_FRAME_SECONDS", 0.0)
+    piped = pieper_command("reach", *arguments)
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "80")
+    shown = pieper_command("reach", *arguments)
+    assert shown.code == piped.code
+    assert "step  1  " in shown.out
+    assert "\x1b[3" in shown.out
+    plain = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", shown.out).replace("\r", "")
+    assert plain.endswith(piped.out.split("\n", 2)[2])
 
 
 @pytest.mark.parametrize(

@@ -116,7 +116,7 @@ def gauge(value: float, lower: float, upper: float, width: int = 13) -> str:
         return ""
     inside = width - 2
     if not lower <= value <= upper:
-        return "!" * (value < lower) + "[" + "-" * inside + "]" + "!" * (value > upper)
+        return ("!" if value < lower else "") + "[" + "-" * inside + "]" + ("!" if value > upper else "")
     at = min(inside - 1, int((value - lower) / (upper - lower) * inside))
     return "[" + "-" * at + "|" + "-" * (inside - 1 - at) + "]"
 
