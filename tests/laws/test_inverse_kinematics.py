@@ -12,6 +12,7 @@ from pieper._native import kernels
 from pieper.ik import select
 from pieper.ik.solutions import Status
 from pieper.ik.solve import solve
+from pieper.model.chain import Chain
 from tests.reference import product_of_exponentials as textbook
 from tests.robots import NAMES, chain
 
@@ -187,3 +188,26 @@ def test_the_nearest_pose_cannot_be_bettered_nearby(name):
             for _ in range(20):
                 q = np.clip(answers.nearest.q[k] + size * rng.normal(size=arm.dof), *arm.limits.T)
                 assert np.hypot(*left(textbook.fk(arm, q), wanted[k])) > cost - 1e-7
+
+
+@pytest.mark.parametrize("n", [3, 4, 5, 6, 7, 12])
+def test_recall_on_arms_that_nobody_built(n):
+    """Axes in any direction through any point, a few slides among them, tight and wide limits."""
+    rng = np.random.default_rng(n)
+    for _ in range(8):
+        axes = rng.normal(size=(n, 3))
+        axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+        turning = np.hstack([np.cross(rng.uniform(-0.6, 0.6, (n, 3)), axes), axes])
+        sliding = np.hstack([axes, np.zeros((n, 3))])
+        screws = np.where(rng.random((n, 1)) < 0.2, sliding, turning)
+        home = np.eye(4)
+        home[:3, :3], _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        home[:3, 0] *= np.linalg.det(home[:3, :3])
+        limits = np.column_stack([-rng.uniform(0.5, 3.2, n), rng.uniform(0.5, 3.2, n)])
+        arm = Chain("random", screws, home, limits, [f"j{i}" for i in range(n)])
+        wanted = np.stack([textbook.fk(arm, q) for q in rng.uniform(*limits.T, (20, n))])
+        answers = solve(arm, wanted)
+        assert answers.reached.all()
+        for T, q in zip(wanted, answers.q[:, 0], strict=True):
+            assert max(left(textbook.fk(arm, q), T)) <= MEASURED
+            assert inside(arm, q)
