@@ -166,10 +166,34 @@ def test_limits_that_bound_nothing():
         np.testing.assert_allclose(solve(arm, at(5.0, 20.0)).q[0], [5.0, 20.0], atol=1e-9)
 
 
-def test_limits_many_turns_away():
-    arm = planar(1.0, limits=(1000.0, 1001.0))
-    T = fk(arm, [1000.5])
-    np.testing.assert_allclose(solve(arm, T).q[0], [1000.5], atol=1e-9)
+@pytest.mark.parametrize("far", [1e3, 2e6])
+def test_limits_many_turns_away(far):
+    arm = planar(1.0, limits=(far, far + 1.0))
+    T = fk(arm, [far + 0.5])
+    np.testing.assert_allclose(solve(arm, T).q[0], [far + 0.5], atol=1e-9)
+
+
+@pytest.mark.parametrize("axis", [(0, 0, 1), (1, 0, 0), (0, -1, 0), (0.6, 0, 0.8), (-0.48, 0.6, 0.64)])
+def test_half_a_turn_away_exactly(axis):
+    """Every cross product of the axes vanishes there; it must not pass for having arrived."""
+    arm = Chain("one", [[0, 0, 0, *axis]], np.eye(4), [[-4.0, 4.0]], ["turn"])
+    T = np.eye(4)
+    T[:3, :3] = 2.0 * np.outer(axis, axis) - np.eye(3)
+    answers = solve_numeric(arm, T, seed=[0.0], restarts=1)
+    assert answers.reached
+    assert abs(answers.q[0, 0]) == pytest.approx(np.pi, abs=1e-9)
+    across = np.cross(axis, (0.3, 0.9, -0.5))
+    turned = solve_numeric(arm, target.position_and_axis([0, 0, 0], -across, axis_tip=across), seed=[0.0], restarts=1)
+    assert turned.reached
+
+
+@pytest.mark.parametrize(
+    "eighths", [(2, 1, 0, 0, 0, 2, 3), (2, -2, 0, 0, 0, -2, -3), (-1, -2, 0, 0, 0, 2, -3), (-2, 2, 0, 0, 0, -2, -3)]
+)
+def test_poses_that_are_singular_in_several_ways(eighths):
+    """Arm stretched and wrist aligned: the error is flat along bent valleys."""
+    arm = chain("kinova_gen3_7dof", nominal=True)
+    assert solve_numeric(arm, fk(arm, np.array(eighths) * np.pi / 4)).reached
 
 
 def test_too_few_steps_is_not_called_unreachable():

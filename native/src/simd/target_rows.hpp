@@ -102,11 +102,28 @@ inline Vec angle_over_sine(Vec cosine) {
   return 2.0 * p / (half * (1.0 + half));
 }
 
-// Turned by half a turn the cross products vanish; any axis that does it will do to move on.
-inline void turn_back(Vec cosine, const Vec* direction, Vec* rotation) {
-  const IntVec opposite = (cosine < -1.0 + 1e-9) & (dot(rotation, rotation) < 1e-12);
-  if (!any(opposite)) return;
-  for (int r = 0; r < 3; ++r) rotation[r] = select(opposite, 3.0 * direction[r], rotation[r]);
+constexpr double half_turn = 3.141592653589793;
+
+// The rotation vector where the tip is half a turn away from the target and cross products vanish. R_target R^T is
+// 2 n n^T - I then, so each column of its sum with I is along the axis n. Where only the direction of a tool axis counts, n
+// is any vector across it; one askew to the axes of the arm finds joints that turn about it.
+inline void half_turn_vector(const Goal& goal, const Pose<Vec>& tip, Vec* n) {
+  if (goal.rotation == RotationTarget::axis) {
+    for (int r = 0; r < 3; ++r)
+      n[r] = splat(half_turn * (0.8 * goal.rotation_axes[3 * r] + 0.6 * goal.rotation_axes[3 * r + 1]));
+    return;
+  }
+  Vec largest = splat(0.0);
+  for (int c = 0; c < 3; ++c) {
+    Vec column[3];
+    for (int r = 0; r < 3; ++r)
+      column[r] =
+          goal.R[3 * r] * tip.x[c] + goal.R[3 * r + 1] * tip.y[c] + goal.R[3 * r + 2] * tip.z[c] + (r == c ? 1.0 : 0.0);
+    const Vec scale = half_turn / square_root(larger(dot(column, column), splat(1e-30)));
+    const IntVec longer = column[c] > largest;  // twice the square of component c of n
+    largest = select(longer, column[c], largest);
+    for (int r = 0; r < 3; ++r) n[r] = select(longer, scale * column[r], n[r]);
+  }
 }
 
 inline void rotation_error(const Goal& goal, const Pose<Vec>& tip, Vec* e) {
@@ -135,9 +152,11 @@ inline void rotation_error(const Goal& goal, const Pose<Vec>& tip, Vec* e) {
   }
   const Vec scale = angle_over_sine(cosine);
   for (int r = 0; r < 3; ++r) e[r] *= scale;
-  Vec across[3];
-  for (int r = 0; r < 3; ++r) across[r] = splat(goal.rotation_axes[3 * r]);
-  turn_back(cosine, across, e);
+  const IntVec opposite = (cosine < -1.0 + 1e-9) & (dot(e, e) < 1e-12);
+  if (!any(opposite)) return;
+  Vec n[3] = {e[0], e[1], e[2]};
+  half_turn_vector(goal, tip, n);
+  for (int r = 0; r < 3; ++r) e[r] = select(opposite, n[r], e[r]);
 }
 
 // Derivative of the rotation vector by a turn of the tip: the inverse right Jacobian of SO(3),
