@@ -24,6 +24,7 @@ import arms
 import numpy as np
 import results
 
+CAREFUL = "with our sine"
 KEPT, FRESH = "output reused", "new output"
 OURS = "pieper, literal, new output, beside the peers"
 COMPILER = ["g++", "-std=c++20", "-O3", "-march=native", "-ffp-contract=fast", "-fno-math-errno", "-shared", "-fPIC"]
@@ -40,9 +41,11 @@ def aligned(*shape: int) -> np.ndarray:
 def straight_lines() -> dict[str, Callable[..., np.ndarray]]:
     """Compile the hand-written kernels and wrap them: (q, out, around_cache) -> out."""
     source = pathlib.Path(__file__).parent / "straight_line" / "ur5e.cpp"
-    path = pathlib.Path(tempfile.mkdtemp(prefix="pieper-bench-")) / "ur5e.so"
-    subprocess.run([*COMPILER, str(source), "-o", str(path)], check=True)
-    library = ctypes.CDLL(str(path))
+    folder = pathlib.Path(tempfile.mkdtemp(prefix="pieper-bench-"))
+
+    def library(name: str, *options: str) -> ctypes.CDLL:
+        subprocess.run([*COMPILER, *options, str(source), "-o", str(folder / name)], check=True)
+        return ctypes.CDLL(str(folder / name))
 
     def wrapped(kernel: Callable[..., None]) -> Callable[..., np.ndarray]:
         kernel.argtypes = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int]
@@ -54,7 +57,13 @@ def straight_lines() -> dict[str, Callable[..., np.ndarray]]:
 
         return forward
 
-    return {"nominal": wrapped(library.ur5e_nominal), "literal": wrapped(library.ur5e_literal)}
+    plain, careful = library("ur5e.so"), library("ur5e_careful.so", "-DCAREFUL_SINE")
+    return {
+        "nominal": wrapped(plain.ur5e_nominal),
+        "literal": wrapped(plain.ur5e_literal),
+        f"nominal, {CAREFUL}": wrapped(careful.ur5e_nominal),
+        f"literal, {CAREFUL}": wrapped(careful.ur5e_literal),
+    }
 
 
 def peers(arm: arms.Arm) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
@@ -131,7 +140,7 @@ def main() -> None:
     truth = {"nominal": arm.nominal().forward(q[some]), "literal": arm.forward(q[some])}
     for geometry, kernel in straight.items():
         for around_cache in (False, True):
-            assert np.abs(kernel(q, out, around_cache)[some] - truth[geometry]).max() < 3e-15
+            assert np.abs(kernel(q, out, around_cache)[some] - truth[geometry.partition(",")[0]]).max() < 3e-15
     for geometry, each in ours.items():
         assert np.abs(each.fk(q, out=out)[some] - truth[geometry]).max() < 3e-15
     for name in ("Robotics Toolbox ets.eval", "Pinocchio, loop in Python"):
@@ -148,10 +157,11 @@ def main() -> None:
     rows.sort(key=lambda row: row["nanoseconds"]["median"])
     ratios = {}
     if ours:
-        for ending in (f"nominal, {KEPT}", f"literal, {KEPT}", f"nominal, {FRESH}"):
-            yardsticks = [name for name in quick if name.startswith("straight") and name.endswith(ending)]
-            best = min(yardsticks, key=lambda name: statistics.median(quick[name]))
-            ratios[f"pieper / straight line, {ending}"] = paired.ratio(quick[f"pieper, {ending}"], quick[best])
+        for geometry, state in (*((each, KEPT) for each in straight), ("nominal", FRESH)):
+            ways = [f"straight line{way}, {geometry}, {state}" for way in ("", " past the caches")]
+            best = min(ways, key=lambda name: statistics.median(quick[name]))
+            own = f"pieper, {geometry.partition(',')[0]}, {state}"
+            ratios[f"pieper / straight line, {geometry}, {state}"] = paired.ratio(quick[own], quick[best])
         for name in others:
             if name != OURS:
                 ratios[f"{name} / pieper"] = paired.ratio(others[name], others[OURS])

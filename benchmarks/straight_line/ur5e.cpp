@@ -40,16 +40,36 @@ Lanes all(double value) { return Lanes{} + value; }
 // Two registers hold 16 numbers; pick eight of them.
 #define PICK(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
 
-// sin and cos of every lane for |angle| up to about 1e5, error below one unit in the last place.
-// Reduction to a quarter turn in three parts (Cody and Waite), then the minimax polynomials of fdlibm.
+// sin and cos of every lane: reduction to a quarter turn after Cody and Waite, then polynomials. By default what this
+// arm needs: two parts of pi/2 and the minimax polynomials of fdlibm, good to about one unit in the last place within a
+// few turns. With CAREFUL_SINE what the package does: what rounding took from the reduced angle is caught in e and put
+// back, good to less than one unit up to 1e6 rad; its coefficients are those of native/src/simd/sincos.hpp.
 inline void sincos(Lanes angle, Lanes& sine, Lanes& cosine) {
   const Lanes shift = all(6755399441055744.0);  // 1.5 * 2^52: adding it rounds to an integer
   const Lanes shifted = angle * 0.6366197723675814 + shift;
   const Lanes turns = shifted - shift;
   const Integers quadrant = (Integers)shifted;
-  Lanes r = angle - turns * 1.5707963267948966;
-  r = r - turns * 6.123233995736766e-17;
-
+  const Lanes coarse = angle - turns * 1.5707963267948966;
+#if defined(CAREFUL_SINE)
+  const Lanes r = coarse - turns * 0x1.1a626331p-54;
+  const Lanes e = ((coarse - r) - turns * 0x1.1a626331p-54) - turns * 0x1.1701b839a252p-88;
+  const Lanes z = r * r + r * (e + e);
+  const Lanes p =
+      ((((z * 0x1.5d8fa7fd5c9d2p-33 - 0x1.ae5e594b78a4cp-26) * z + 0x1.71de3564d2b7bp-19) * z - 0x1.a01a019bf7efap-13) *
+           z +
+       0x1.111111110f77dp-7) *
+          z -
+      0x1.5555555555548p-3;
+  const Lanes q = ((((z * -0x1.8fa9952065738p-37 + 0x1.1ee9e15f38979p-29) * z - 0x1.27e4f7f8eae3ap-22) * z +
+                    0x1.a01a019c97777p-16) *
+                       z -
+                   0x1.6c16c16c1504bp-10) *
+                      z +
+                  0x1.555555555554bp-5;
+  const Lanes sin_r = r + (r * z * p + e);
+  const Lanes cos_r = 1.0 + z * (z * q - 0.5);
+#else
+  const Lanes r = coarse - turns * 6.123233995736766e-17;
   const Lanes z = r * r;
   const Lanes s =
       ((((z * 1.58969099521155010221e-10 - 2.50507602534068634195e-08) * z + 2.75573137070700676789e-06) * z -
@@ -67,6 +87,7 @@ inline void sincos(Lanes angle, Lanes& sine, Lanes& cosine) {
       4.16666666666666019037e-02;
   const Lanes sin_r = r + r * (z * s);
   const Lanes cos_r = (1.0 - 0.5 * z) + (z * z) * c;
+#endif
 
   const Integers odd = (quadrant & 1) != 0;
   const Integers sine_sign = (quadrant & 2) << 62;
