@@ -160,7 +160,9 @@ def examine(path: pathlib.Path, count: int) -> tuple[list[dict], dict[str, str |
     robot, _ = answer(lambda: tree(path))
     ends, _ = answer(lambda: chains(robot))
     peer, theirs = answer(lambda: Peer(path, robot))
-    refusals = {"pieper": ours and ours.replace(str(path), path.name), "pinocchio": theirs}
+    refusals = {
+        who: said and said.replace(str(path), path.name) for who, said in (("pieper", ours), ("pinocchio", theirs))
+    }
     if description is None or peer is None:
         return [], refusals, None
     rows = []
