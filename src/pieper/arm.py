@@ -142,7 +142,7 @@ class Arm:
         """The arm mounted at `T_world_base`: poses are given in the world frame from now on."""
         return Arm(self.chain.with_base(T_world_base, name=name), self.description)
 
-    def lock(self, joints: Mapping[str, float] | None = None, **more: float) -> Arm:
+    def lock(self, joints: Mapping[str, float] | None = None, /, **more: float) -> Arm:
         """A smaller arm with joints held: ``arm.lock(joint_4_r=0.0)``, or a mapping for names that are no identifiers."""
         return Arm(self.chain.lock(**{**(joints or {}), **more}), self.description)
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import pieper
+from pieper.arm import Arm
 from pieper.errors import ArrayError, UnknownNameError
 from pieper.model.chain import Chain, Frame
 from pieper.spatial import pose
@@ -118,6 +119,18 @@ def test_locking_a_master_holds_its_mimics():
     locked = arm.lock(shoulder=0.8)
     assert locked.joint_names == ("elbow",)
     assert np.abs(textbook.fk(locked, [0.3]) - textbook.fk(arm, [0.8, 0.3])).max() < SAME_POSE
+
+
+def test_a_joint_may_have_any_name():
+    arm = Chain(**{**ELBOW, "joint_names": ("self", "joints")})
+    assert arm.lock(self=0.8).joint_names == ("joints",)
+    assert Arm(arm).lock(self=0.8, joints=0.1).dof == Arm(arm).lock({"self": 0.8, "joints": 0.1}).dof == 0
+
+
+@pytest.mark.parametrize("which", [-1, 3, 1.5, float("nan"), True, (1,), [1], None, 10**30])
+def test_what_is_no_joint_count_is_refused(which):
+    with pytest.raises(ArrayError, match="up_to must be a frame name or a joint count from 0 to 2"):
+        Chain(**ELBOW).frame(which)
 
 
 def test_unknown_joints_are_named_with_near_matches():

@@ -104,8 +104,9 @@ def test_files(tmp_path):
     with pytest.raises(UrdfError, match="cannot be read: No such file") as caught:
         from_urdf(str(tmp_path / "three.urdf"))
     assert caught.value.source == str(tmp_path / "three.urdf")
-    with pytest.raises(UrdfError, match="not a regular file"):
+    with pytest.raises(UrdfError, match="not a regular file") as caught:
         from_urdf(tmp_path)
+    assert str(caught.value) == f"{tmp_path}: file: is not a regular file; give the URDF file itself"
 
 
 def test_a_default_namespace_is_read_over():
@@ -126,7 +127,7 @@ def joint_with(inside: str, kind: str = "revolute") -> str:
 @pytest.mark.parametrize("inside", ["", '<limit effort="1" velocity="1"/>', '<limit upper="1"/>'])
 @pytest.mark.parametrize("kind", ["revolute", "prismatic"])
 def test_missing_limits_are_unlimited_with_a_warning(inside, kind):
-    with pytest.warns(PieperWarning, match="no lower and upper limit for joint 'j'; taken as unlimited"):
+    with pytest.warns(PieperWarning, match="no lower or no upper limit for joint 'j'; taken as unlimited on that side"):
         robot = from_urdf(joint_with(inside, kind))
     assert robot.joint("j").lower == -inf
 

@@ -227,7 +227,7 @@ class Chain:
                 if frame.name == which:
                     return frame
             raise unknown_name("frame", which, [f.name for f in self.frames], f"chain {self.name!r}")
-        if isinstance(which, bool) or not 0 <= int(which) <= len(self.screws) or int(which) != which:
+        if isinstance(which, bool) or which not in range(len(self.screws) + 1):
             raise ArrayError(f"up_to must be a frame name or a joint count from 0 to {len(self.screws)}, got {which!r}")
         return next(f for f in self.frames if f.after == which)
 
@@ -255,7 +255,7 @@ class Chain:
         frames = (Frame(name, 0, np.eye(4)), *(Frame(f.name, f.after, T @ f.home) for f in self.frames))
         return replace(self, screws=np.hstack([v, w]), home=T @ self.home, base=name, frames=frames)
 
-    def lock(self, **q: float) -> Chain:
+    def lock(self, /, **q: float) -> Chain:
         """A smaller arm with the named joints held at the given values [rad or m].
 
         The screws that follow a locked axis move with it (Modern Robotics, eq. 3.102, adjoint of its exponential).

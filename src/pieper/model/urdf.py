@@ -202,6 +202,8 @@ def _text_of(what: object, source: str | None) -> tuple[str | bytes, str, Path |
             raise UrdfError(name, "file", "is not a regular file; give the URDF file itself")
         with file.open("rb") as stream:
             data = stream.read(MAX_BYTES + 1)
+    except UrdfError:
+        raise
     except (OSError, ValueError) as cause:
         reason = getattr(cause, "strerror", None) or str(cause)
         raise UrdfError(
@@ -325,7 +327,8 @@ class _Reader:
             named = [repr(name) for name in self.unlimited]
             more = f" and {len(named) - 8} more" if len(named) > 8 else ""
             warnings.warn(
-                f"{self.source}: no lower and upper limit for joint {', '.join(named[:8])}{more}; taken as unlimited",
+                f"{self.source}: no lower or no upper limit for joint {', '.join(named[:8])}{more}; "
+                "taken as unlimited on that side",
                 PieperWarning,
                 stacklevel=3,
             )
