@@ -84,6 +84,20 @@ inline double splat_like(double, double value) { return value; }
 inline Vec splat_like(const Vec&, double value) { return splat(value); }
 #endif
 
+// a b + c in one rounding where the processor can. Mostly the compiler contracts a product and a sum by itself; this is
+// for a product that it would rather share with another expression.
+inline Vec multiply_add(Vec a, Vec b, Vec c) {
+#if PIEPER_LANES == 8
+  return reinterpret_cast<Vec>(_mm512_fmadd_pd(reinterpret_cast<__m512d>(a), reinterpret_cast<__m512d>(b),
+                                               reinterpret_cast<__m512d>(c)));
+#elif PIEPER_LANES == 4
+  return reinterpret_cast<Vec>(_mm256_fmadd_pd(reinterpret_cast<__m256d>(a), reinterpret_cast<__m256d>(b),
+                                               reinterpret_cast<__m256d>(c)));
+#else
+  return a * b + c;
+#endif
+}
+
 // |value|, by clearing the sign bit
 inline Vec magnitude(Vec value) { return from_bits(bits(value) & INT64_MAX); }
 

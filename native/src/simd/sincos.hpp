@@ -43,7 +43,8 @@ PIEPER_INLINE void sincos_reduced(Vec angle, Vec& sine, Vec& cosine) {
   const Vec e = (fine - r) + lost;
 #endif
 
-  const Vec z = r * r + r * (e + e);  // (r + e)^2
+  // The polynomials take r^2, which is there before e; what multiplies them takes (r + e)^2 in one rounding.
+  const Vec z = r * r, square = multiply_add(r, r, r * (e + e));
   Vec p = splat(0x1.5d8fa7fd5c9d2p-33);
   p = p * z - 0x1.ae5e594b78a4cp-26;
   p = p * z + 0x1.71de3564d2b7bp-19;
@@ -57,12 +58,12 @@ PIEPER_INLINE void sincos_reduced(Vec angle, Vec& sine, Vec& cosine) {
   q = q * z - 0x1.6c16c16c1504bp-10;
   q = q * z + 0x1.555555555554bp-5;
 
-  const Vec s = r + (r * z * p + e);
+  const Vec s = r + (r * square * p + e);
 #if defined(PIEPER_FUSED)
-  const Vec c = 1.0 + z * (z * q - 0.5);
+  const Vec c = 1.0 + square * (z * q - 0.5);
 #else
   const Vec half = 0.5 * z, top = 1.0 - half;
-  const Vec c = top + (((1.0 - top) - half) + z * z * q);
+  const Vec c = top + (((1.0 - top) - half) + (z * z * q - r * e));
 #endif
 
   const IntVec sine_sign = (quadrant << 62) & INT64_MIN;
