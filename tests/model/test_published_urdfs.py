@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pieper.errors import UrdfError
+from pieper.errors import PieperWarning, UrdfError
 from pieper.model.urdf import from_urdf
 
 ROBOT = """<?xml version="1.0"?>
@@ -66,3 +66,16 @@ def test_a_foreign_prefix_is_no_way_around_the_checks() -> None:
         from_urdf(crank(end="<xacro:arm/>"))
     with pytest.raises(UrdfError, match=r"unknown type 'other'"):
         from_urdf(crank(limit='drake:a="1"').replace('type="revolute"', 'type="other"'))
+
+
+def test_a_mass_without_inertia_is_left_out_with_a_warning() -> None:
+    text = crank(end='<link name="extra"><inertial><mass value="2"/></inertial></link>').replace(
+        "</robot>",
+        '<joint name="fix" type="fixed"><parent link="tip"/><child link="extra"/></joint></robot>',
+    )
+    with pytest.warns(PieperWarning, match="a mass without <inertia> in link 'extra'; its inertial is left out"):
+        robot = from_urdf(text)
+    assert robot.link("extra").inertial is None
+    for wrong in ("-1", "nan", "heavy"):
+        with pytest.raises(UrdfError, match="link 'extra'"):
+            from_urdf(text.replace('mass value="2"', f'mass value="{wrong}"'))

@@ -88,11 +88,11 @@ inline Vec splat_like(const Vec&, double value) { return splat(value); }
 // for a product that it would rather share with another expression.
 inline Vec multiply_add(Vec a, Vec b, Vec c) {
 #if PIEPER_LANES == 8
-  return reinterpret_cast<Vec>(_mm512_fmadd_pd(reinterpret_cast<__m512d>(a), reinterpret_cast<__m512d>(b),
-                                               reinterpret_cast<__m512d>(c)));
+  return reinterpret_cast<Vec>(
+      _mm512_fmadd_pd(reinterpret_cast<__m512d>(a), reinterpret_cast<__m512d>(b), reinterpret_cast<__m512d>(c)));
 #elif PIEPER_LANES == 4
-  return reinterpret_cast<Vec>(_mm256_fmadd_pd(reinterpret_cast<__m256d>(a), reinterpret_cast<__m256d>(b),
-                                               reinterpret_cast<__m256d>(c)));
+  return reinterpret_cast<Vec>(
+      _mm256_fmadd_pd(reinterpret_cast<__m256d>(a), reinterpret_cast<__m256d>(b), reinterpret_cast<__m256d>(c)));
 #else
   return a * b + c;
 #endif

@@ -289,6 +289,7 @@ class _Reader:
         self.folders: dict[str, str | None] = {}  # package name -> folder
         self.missing: dict[str, str] = {}  # mesh name -> the first link that needs it
         self.unlimited: list[str] = []
+        self.massive: list[str] = []
 
     def description(self, robot: _Element) -> Description:
         self.namespace = robot.tag[: robot.tag.index("}") + 1] if robot.tag.startswith("{") else ""
@@ -320,6 +321,15 @@ class _Reader:
             warnings.warn(
                 f"{self.source}: mesh not found: {', '.join(named[:5])}{more}; kinematics works without it, to draw or "
                 "simulate the robot give the folders of its packages, packages=[...], or set ROS_PACKAGE_PATH",
+                PieperWarning,
+                stacklevel=3,
+            )
+        if self.massive:
+            named = [repr(name) for name in self.massive]
+            more = f" and {len(named) - 8} more" if len(named) > 8 else ""
+            warnings.warn(
+                f"{self.source}: a mass without <inertia> in link {', '.join(named[:8])}{more}; its inertial is left out, "
+                "kinematics works without it",
                 PieperWarning,
                 stacklevel=3,
             )
@@ -479,6 +489,10 @@ class _Reader:
         visuals = tuple(self._visual(child, shown, name) for child in self._all(element, "visual"))
         collisions = tuple(self._collision(child, shown, name) for child in self._all(element, "collision"))
         inertial = self._only(element, "inertial", shown)
+        if inertial is not None and self._only(inertial, "inertia", shown) is None:
+            self._positive(self._needed(inertial, "mass", shown), "value", shown)
+            self.massive.append(name)
+            inertial = None
         return Link(name, visuals, collisions, None if inertial is None else self._inertial(inertial, shown))
 
     def _visual(self, element: _Element, shown: str, link: str) -> Visual:
