@@ -566,6 +566,12 @@ def test_other_faults():
         from_dh(from_rows([(0, 0, 0, 0)]), convention="standard", name="x")
     with pytest.raises(DhError, match="arm: rows: is missing"):
         from_record({"convention": "standard"})
+    with pytest.raises(DhError, match="must be a mapping with 'convention' and 'rows', got list"):
+        from_record([1])
+    with pytest.raises(DhError, match="rows: must be a list of rows, got int"):
+        from_record({"convention": "standard", "rows": 1})
+    with pytest.raises(DhError, match="limits: must be a list of pairs of numbers or nulls, got 7"):
+        from_record({"convention": "standard", "rows": [(0, 0, 0, 0)], "limits": 7})
 
 
 JUNK = st.one_of(

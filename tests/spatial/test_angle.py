@@ -61,3 +61,9 @@ def test_refuses_what_is_no_angle() -> None:
         angle.wrap(np.inf)
     with pytest.raises(ArrayError, match="to must be an array of real numbers"):
         angle.nearest(0.0, "north")
+
+
+@pytest.mark.parametrize("function", [angle.difference, angle.nearest])
+def test_shapes_that_do_not_broadcast_are_refused(function) -> None:
+    with pytest.raises(ArrayError, match=r"must broadcast, got shapes \(2,\) and \(3,\)"):
+        function([1.0, 2.0], [1.0, 2.0, 3.0])

@@ -121,9 +121,19 @@ def test_malformed_input_is_refused() -> None:
         pose.interpolate(np.eye(4), np.eye(4), fraction=0.5, motion="arc")
     with pytest.raises(ArrayError, match=r"must broadcast, got shapes \(2,\), \(\) and \(3,\)"):
         pose.interpolate(np.stack([np.eye(4)] * 2), np.eye(4), fraction=[0.1, 0.2, 0.3])
-    with pytest.raises(ArrayError, match=r"must broadcast, got shapes \(2, 3\) and \(3, 3, 3\)"):
+    with pytest.raises(ArrayError, match=r"p and R must broadcast, got shapes \(2,\) and \(3,\)"):
         pose.from_position_rotation(np.zeros((2, 3)), np.stack([np.eye(3)] * 3))
     with pytest.raises(ArrayError, match=r"fraction must be finite, got nan"):
         pose.interpolate(np.eye(4), np.eye(4), fraction=np.nan)
     with pytest.raises(ArrayError, match=r"p must have shape \(\.\.\., 3\), got \(2,\)"):
         pose.transform(np.eye(4), [1.0, 2.0])
+
+
+def test_shapes_that_do_not_fit_together_are_named() -> None:
+    two, three = np.broadcast_to(np.eye(4), (2, 4, 4)), np.broadcast_to(np.eye(4), (3, 4, 4))
+    with pytest.raises(ArrayError, match=r"leading axes of T and p must broadcast, got shapes \(2,\) and \(3,\)"):
+        pose.transform(two, np.zeros((3, 3)))
+    with pytest.raises(ArrayError, match=r"leading axes of T and other must broadcast, got shapes \(2,\) and \(3,\)"):
+        pose.distance(two, three)
+    with pytest.raises(ArrayError, match=r"leading axes of R and other must broadcast, got shapes \(2,\) and \(3,\)"):
+        rotation.distance(two[:, :3, :3], three[:, :3, :3])

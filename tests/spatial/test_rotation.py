@@ -449,7 +449,7 @@ def test_axis_angle() -> None:
     assert rotation.from_axis_angle(np.eye(3), np.zeros((4, 1))).shape == (4, 3, 3, 3)
     with pytest.raises(ArrayError, match="axis must not be zero where the angle is not zero"):
         rotation.from_axis_angle([0, 0, 0], 0.1)
-    with pytest.raises(ArrayError, match=r"must broadcast, got shapes \(2, 3\) and \(3,\)"):
+    with pytest.raises(ArrayError, match=r"axis and angle must broadcast, got shapes \(2,\) and \(3,\)"):
         rotation.from_axis_angle(np.eye(3)[:2], [1.0, 2.0, 3.0])
 
 

@@ -446,21 +446,23 @@ def from_record(record: Mapping[str, Any]) -> DhTable:
     1
     """
     if not isinstance(record, Mapping):
-        raise DhError("<record>", "record", f"must be a mapping with 'convention' and 'rows', got {type(record).__name__}")
+        raise DhError(
+            "<record>", "record", f"must be a mapping with 'convention' and 'rows', got {type(record).__name__}"
+        )
     name = str(record.get("name", "arm"))
     for key in ("convention", "rows"):
         if key not in record:
             raise DhError(name, key, "is missing")
     known = {key: record[key] for key in _RECORD_KEYS if record.get(key) is not None}
-    for key in ("limits", "max_velocity", "max_effort"):
-        try:
+    try:
+        for key in ("limits", "max_velocity", "max_effort"):
             if key in known:
                 known[key] = _with_infinity(known[key], lower=key == "limits")
-        except (TypeError, ValueError):
-            wanted = "pairs of numbers" if key == "limits" else "numbers"
-            raise DhError(name, key, f"must be a list of {wanted} or nulls, got {known[key]!r}") from None
+    except (TypeError, ValueError):
+        wanted = "pairs of numbers" if key == "limits" else "numbers"
+        raise DhError(name, key, f"must be a list of {wanted} or nulls, got {known[key]!r}") from None
     rows = known.pop("rows")
-    if not isinstance(rows, Sequence) or isinstance(rows, str | bytes):
+    if isinstance(rows, str | bytes) or not hasattr(rows, "__iter__"):
         raise DhError(name, "rows", f"must be a list of rows, got {type(rows).__name__}")
     return DhTable(rows=tuple(rows), **known)
 

@@ -56,6 +56,27 @@ def _numbers(value: ArrayLike, name: str) -> FloatArray:
         raise ArrayError(f"{name} must be an array of real numbers: {cause}") from cause
 
 
+def together(**leading: tuple[int, ...]) -> tuple[int, ...]:
+    """The common shape of the leading axes of arguments, or an error that names them.
+
+    >>> together(T=(5, 1), p=(3,))
+    (5, 3)
+    >>> together(T=(2,), p=(3,))
+    Traceback (most recent call last):
+        ...
+    pieper.errors.ArrayError: the leading axes of T and p must broadcast, got shapes (2,) and (3,)
+    """
+    try:
+        return np.broadcast_shapes(*leading.values())
+    except ValueError:
+        names, shapes = ([*map(str, part)] for part in (leading.keys(), leading.values()))
+        raise ArrayError(f"the leading axes of {_listed(names)} must broadcast, got shapes {_listed(shapes)}") from None
+
+
+def _listed(words: list[str]) -> str:
+    return f"{', '.join(words[:-1])} and {words[-1]}"
+
+
 def rotations(value: ArrayLike, name: str) -> FloatArray:
     """`value` as ``(..., 3, 3)`` rotation matrices; the error tells the measured deviation."""
     R = stack(value, (3, 3), name)

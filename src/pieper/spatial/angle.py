@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pieper.spatial._checks import FloatArray, stack
+from pieper.spatial._checks import FloatArray, stack, together
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -57,7 +57,7 @@ def difference(angle: ArrayLike, other: ArrayLike) -> FloatArray:
     Raises
     ------
     ArrayError
-        When a number is not finite.
+        When a number is not finite, or the shapes do not broadcast.
 
     Examples
     --------
@@ -65,6 +65,7 @@ def difference(angle: ArrayLike, other: ArrayLike) -> FloatArray:
     -0.283185
     """
     a, b = stack(angle, (), "angle"), stack(other, (), "other")
+    together(angle=a.shape, other=b.shape)
     return _wrap(_wrap(a) - _wrap(b))
 
 
@@ -84,7 +85,7 @@ def nearest(angle: ArrayLike, to: ArrayLike) -> FloatArray:
     Raises
     ------
     ArrayError
-        When a number is not finite.
+        When a number is not finite, or the shapes do not broadcast.
 
     Examples
     --------
@@ -92,6 +93,7 @@ def nearest(angle: ArrayLike, to: ArrayLike) -> FloatArray:
     -3.578185
     """
     a, b = stack(angle, (), "angle"), stack(to, (), "to")
+    together(angle=a.shape, to=b.shape)
     copy: FloatArray = a - _TURN * np.round((a - b) / _TURN)
     return copy
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from pieper.errors import ArrayError
 from pieper.spatial import rotation as _rotation
-from pieper.spatial._checks import FloatArray, poses, rotations, stack
+from pieper.spatial._checks import FloatArray, poses, rotations, stack, together
 from pieper.spatial.twist import exp, log, quaternion_from_matrix, rotation_vector_from_quaternion
 
 if TYPE_CHECKING:
@@ -47,13 +47,7 @@ def from_position_rotation(p: ArrayLike, R: ArrayLike) -> FloatArray:
            [0. , 0. , 0. , 1. ]])
     """
     point, matrix = stack(p, (3,), "p"), rotations(R, "R")
-    try:
-        shape = np.broadcast_shapes(point.shape[:-1], matrix.shape[:-2])
-    except ValueError:
-        raise ArrayError(
-            f"p (..., 3) and R (..., 3, 3) must broadcast, got shapes {point.shape} and {matrix.shape}"
-        ) from None
-    return _assemble(shape, point, matrix)
+    return _assemble(together(p=point.shape[:-1], R=matrix.shape[:-2]), point, matrix)
 
 
 def from_xyz_rpy(xyz: ArrayLike, rpy: ArrayLike) -> FloatArray:
@@ -187,6 +181,7 @@ def transform(T: ArrayLike, p: ArrayLike) -> FloatArray:
     array([1., 1., 0.])
     """
     pose, point = stack(T, (4, 4), "T"), stack(p, (3,), "p")
+    together(T=pose.shape[:-2], p=point.shape[:-1])
     moved: FloatArray = (pose[..., :3, :3] @ point[..., None])[..., 0] + pose[..., :3, 3]
     return moved
 
@@ -218,6 +213,7 @@ def distance(T: ArrayLike, other: ArrayLike) -> tuple[FloatArray, FloatArray]:
     (0.5, 0.2)
     """
     first, second = poses(T, "T"), poses(other, "other")
+    together(T=first.shape[:-2], other=second.shape[:-2])
     metres: FloatArray = np.linalg.norm(first[..., :3, 3] - second[..., :3, 3], axis=-1)
     return np.asarray(metres), _rotation.distance(first[..., :3, :3], second[..., :3, :3])
 
@@ -262,13 +258,7 @@ def interpolate(
     array([ 0.5   , -0.2071,  0.    ])
     """
     start, end, s = poses(T_start, "T_start"), poses(T_end, "T_end"), stack(fraction, (), "fraction")
-    try:
-        shape = np.broadcast_shapes(start.shape[:-2], end.shape[:-2], s.shape)
-    except ValueError:
-        raise ArrayError(
-            "the leading axes of T_start, T_end and fraction must broadcast, got shapes "
-            f"{start.shape[:-2]}, {end.shape[:-2]} and {s.shape}"
-        ) from None
+    shape = together(T_start=start.shape[:-2], T_end=end.shape[:-2], fraction=s.shape)
     if motion == "screw":
         between: FloatArray = start @ exp(log(_inverse(start) @ end) * s[..., None])
         return between

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pieper.errors import ArrayError, unknown_name
-from pieper.spatial._checks import FloatArray, rotations, stack
+from pieper.spatial._checks import FloatArray, rotations, stack, together
 from pieper.spatial.angle import wrap
 from pieper.spatial.twist import quaternion_from_matrix, unit_and_length
 
@@ -261,12 +261,7 @@ def from_axis_angle(axis: ArrayLike, angle: ArrayLike) -> FloatArray:
            [ 0.,  0.,  1.]])
     """
     direction, turn = stack(axis, (3,), "axis"), stack(angle, (), "angle")
-    try:
-        shape = np.broadcast_shapes(direction.shape[:-1], turn.shape)
-    except ValueError:
-        raise ArrayError(
-            f"axis (..., 3) and angle (...) must broadcast, got shapes {direction.shape} and {turn.shape}"
-        ) from None
+    shape = together(axis=direction.shape[:-1], angle=turn.shape)
     direction, turn = np.broadcast_to(direction, (*shape, 3)), np.broadcast_to(turn, shape)
     zero = np.asarray(~direction.any(axis=-1))
     if (zero & (turn != 0.0)).any():
@@ -491,6 +486,7 @@ def distance(R: ArrayLike, other: ArrayLike) -> FloatArray:
     0.3
     """
     first, second = rotations(R, "R"), rotations(other, "other")
+    together(R=first.shape[:-2], other=second.shape[:-2])
     return _quaternion_angle(quaternion_from_matrix(np.swapaxes(first, -1, -2) @ second))
 
 
