@@ -30,3 +30,15 @@ def test_text_fits_80_columns(pieper_command, name: str) -> None:
     out = pieper_command("info", name).out
     assert max(map(len, out.splitlines())) <= 80, max(out.splitlines(), key=len)
     assert all(joint in out for joint in pieper.load(name).joint_names)
+
+
+def test_an_arm_without_joints(pieper_command, tmp_path) -> None:
+    urdf = tmp_path / "still.urdf"
+    urdf.write_text(
+        '<robot name="s"><link name="a"/><link name="b"/><joint name="j" type="fixed">'
+        '<parent link="a"/><child link="b"/><origin xyz="0 0 1"/></joint></robot>'
+    )
+    answer = pieper_command("info", urdf, "--json").json
+    assert (answer["joints"], answer["reach"]) == ([], {"from_base": 1.0, "from_first_axis": None})
+    assert "0 joints" in pieper_command("info", urdf).out
+    assert pieper_command("fk", urdf, "--json").json["position"] == [0.0, 0.0, 1.0]

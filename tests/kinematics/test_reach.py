@@ -43,3 +43,20 @@ def test_sliding_first_joint_has_no_axis_to_measure_from() -> None:
 def test_endless_slide_reaches_everywhere() -> None:
     endless = Chain("slide", [[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]], np.eye(4), [[-np.inf, np.inf]], ("lift",))
     assert reach(endless).from_base == np.inf
+
+
+def test_an_arm_without_joints_stands_still() -> None:
+    home = np.eye(4)
+    home[:3, 3] = [0.0, 3.0, 4.0]
+    found = reach(Chain("still", [], home, [], ()))
+    assert found.from_base == pytest.approx(5.0, rel=1e-15)
+    assert np.isnan(found.from_first_axis)
+    assert found.q_from_base.shape == (0,)
+
+
+def test_limits_beyond_every_joint_value_are_none() -> None:
+    home = np.eye(4)
+    home[0, 3] = 1.0
+    turn, slide = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+    assert reach(Chain("turn", [turn], home, [[-1e20, 1e20]], ("turn",))).from_base == pytest.approx(1.0, rel=1e-15)
+    assert reach(Chain("slide", [slide], home, [[0.0, 1e20]], ("slide",))).from_base == np.inf

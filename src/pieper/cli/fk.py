@@ -12,7 +12,7 @@ from pieper.cli.show import console, matrix, numbers, print_json
 
 def fk(
     arm: ArmName,
-    q: Annotated[list[float], typer.Argument(metavar="Q1 Q2 ...", help="Joint values [rad or m].")],
+    q: Annotated[list[float] | None, typer.Argument(metavar="Q1 Q2 ...", help="Joint values [rad or m].")] = None,
     degrees: Degrees = False,
     up_to: Annotated[
         str | None, typer.Option("--up-to", metavar="LINK", help="Pose of this link instead of the tip.")
@@ -28,7 +28,7 @@ def fk(
     from pieper.spatial import rotation
 
     robot = load(arm, base=base, tip=tip, nominal=nominal)
-    values = joint_values(robot, q, degrees=degrees)
+    values = joint_values(robot, q or [], degrees=degrees)
     end = up_to or robot.tip
     T = robot.fk(values, up_to=up_to)
     position, R = T[:3, 3], T[:3, :3]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pieper.kinematics.fk import fk
+from pieper.kinematics.joints import LARGEST
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,7 +34,7 @@ class Reach:
     from_base : float
         Distance from the origin of the base frame [m].
     from_first_axis : float
-        Distance from the axis of the first joint [m]; NaN where that joint slides.
+        Distance from the axis of the first joint [m]; NaN where that joint slides, or there is none.
     q_from_base, q_from_first_axis : (n,) arrays
         Joint values that get there [rad or m].
     """
@@ -81,7 +82,7 @@ def reach(chain: Chain, *, seed: int = 0) -> Reach:
         return Reach(np.inf, np.inf, nowhere, nowhere)
 
     q_base = _farthest(chain, lower, upper, rng, lambda p: np.linalg.norm(p, axis=-1))
-    v, w = chain.screws[0, :3], chain.screws[0, 3:]
+    v, w = chain.screws[0].reshape(2, 3) if len(chain.screws) else np.zeros((2, 3))
     if w.any():
         point = np.cross(w, v)
         q_axis = _farthest(chain, lower, upper, rng, lambda p: np.linalg.norm(np.cross(p - point, w), axis=-1))
@@ -92,11 +93,12 @@ def reach(chain: Chain, *, seed: int = 0) -> Reach:
 
 
 def _searched(chain: Chain) -> tuple[FloatArray, FloatArray]:
-    """Limits, with one turn for joints that turn without end."""
-    lower, upper = np.array(chain.limits[:, 0]), np.array(chain.limits[:, 1])
+    """Limits, with one turn for joints that turn without end; limits that no joint value may reach are none."""
+    limits = np.where(np.abs(chain.limits) > LARGEST, np.copysign(np.inf, chain.limits), chain.limits)
+    lower, upper = limits.T.copy()
     for axis, revolute in enumerate(chain.is_revolute):
         if revolute:
-            endless = (chain.coupling[axis] != 0.0) & ~np.isfinite(chain.limits).all(axis=1)
+            endless = (chain.coupling[axis] != 0.0) & ~np.isfinite(limits).all(axis=1)
             lower[endless], upper[endless] = -np.pi, np.pi
     return lower, upper
 
