@@ -7,7 +7,8 @@ The step is that of Levenberg and Marquardt with the damping of Chan and Lawrenc
 held to the joint limits. Joints that can make a whole turn iterate without limits and are brought back by whole turns.
 Starts come from a table of poses made once per chain: those whose pose is nearest to the target go first, one per
 vector lane, and a low-discrepancy sequence follows. Nothing is random: the same target gives the same answer, alone or
-in a batch, on one thread or many.
+in a batch, on one thread or many. On a processor with wider or narrower vectors another of several answers may come first,
+unless a seed leads to one.
 
 References
 ----------

@@ -34,7 +34,7 @@ def solve(
         Poses ``T_base_tip`` [m, -], or what `pieper.ik.target` makes of one: position only, position and one axis,
         chosen components.
     seed : (..., n) array, optional
-        Joint values to start from [rad or m]; the answer near it wins.
+        Joint values to start from [rad or m], tried first and alone: the answer that grows out of them wins.
     position_tolerance, rotation_tolerance : float
         What counts as reached [m] and [rad].
     restarts : int

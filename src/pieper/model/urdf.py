@@ -5,7 +5,7 @@ number has to be a finite number, and the links and joints have to form one tree
 names the source, the element and the reason; nothing is repaired in silence.
 
 The format is described at http://wiki.ros.org/urdf/XML. Two points differ from it, both so that a gap in the file does
-not turn into a stiff joint: a revolute or prismatic joint without limits is taken as unlimited, with a warning, and a
+not turn into a stiff joint: a revolute or prismatic joint without a limit is taken as unlimited on that side, with a warning, and a
 limit beyond 1e30 in size, which some exporters write for *none*, counts as none. Three habits of published files that say
 nothing about the robot are let pass: blank lines before the XML header, an empty ``<texture/>``, and tags or attributes
 of another program (``drake:acceleration``) whose prefix is not declared.
