@@ -39,6 +39,7 @@ def test_without_arguments_it_helps(pieper_command) -> None:
     result = pieper_command()
     assert result.code == 0
     assert all(verb in result.out for verb in VERBS)
+    assert "..." not in result.out, "a summary is too long for its line"
 
 
 @pytest.mark.parametrize(

@@ -20,10 +20,10 @@ ArmName = Annotated[str, typer.Argument(metavar="ARM", help="A built-in robot, o
 Base = Annotated[str | None, typer.Option("--base", metavar="LINK", help="Link where the arm begins.")]
 Tip = Annotated[str | None, typer.Option("--tip", metavar="LINK", help="Link where the arm ends.")]
 Nominal = Annotated[
-    bool, typer.Option("--nominal", help="Of a built-in robot: exact multiples of 45 deg for printed angles.")
+    bool, typer.Option("--nominal", help="Built-in robots: exact multiples of 45 deg instead of the printed angles.")
 ]
 Degrees = Annotated[bool, typer.Option("--deg", help="Angles are given in degrees, not in radians.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON for scripts: metres and radians, whatever --deg says.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON for scripts, always in metres and radians.")]
 X = Annotated[float, typer.Argument(metavar="X", help="Target in the base frame [m].")]
 Y = Annotated[float, typer.Argument(metavar="Y", help="")]
 Z = Annotated[float, typer.Argument(metavar="Z", help="")]

@@ -49,7 +49,7 @@ def ik(
     nominal: Nominal = False,
     as_json: Json = False,
 ) -> int:
-    """Print joint values that bring the tip to a target, one answer a row."""
+    """Print joint values that bring the tip to a target, one answer a column."""
     from pieper.ik.solve import solve
 
     robot = load(arm, base=base, tip=tip, nominal=nominal)

@@ -35,8 +35,15 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _verb in (robots, info, fk, ik, reach, convert):
-    app.command()(getattr(_verb, _verb.__name__.rpartition(".")[2]))
+for _verb, _summary in {
+    robots: "List the built-in robots.",
+    info: "Joints, limits, DH rows, screws and reach of an arm.",
+    fk: "Pose of the tip at given joint values.",
+    ik: "Joint values that reach a target.",
+    reach: "Reach a target from zero, and show the way.",
+    convert: "Write an arm as DH rows, screws, URDF, formulas.",
+}.items():
+    app.command(short_help=_summary)(getattr(_verb, _verb.__name__.rpartition(".")[2]))
 
 
 def _print_version(wanted: bool) -> None:
