@@ -94,6 +94,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
                 return DONE
             return _complain(_sentence(error), BAD_INPUT)
+        except UnicodeEncodeError as error:
+            odd = error.object[error.start : error.end]
+            return _complain(
+                f"the output is {error.encoding}, which cannot show {odd!r}; set PYTHONIOENCODING=utf-8", BAD_INPUT
+            )
         except (KeyboardInterrupt, typer.Abort):
             return _complain("interrupted", INTERRUPTED)
         except Exception as error:  # noqa: BLE001  a script must not take a crash for "not reached"
