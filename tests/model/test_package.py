@@ -81,6 +81,12 @@ def test_names_that_are_no_packages(name, tmp_path):
     assert find_package(name, packages=[tmp_path], beside=tmp_path / "arm" / "a.urdf") is None
 
 
+def test_hidden_folders_are_no_packages(tmp_path):
+    (tmp_path / ".ssh").mkdir()
+    assert find_package(".ssh", beside=tmp_path / "arm.urdf") is None
+    assert find_package(".ssh", packages=[tmp_path]) is None
+
+
 def test_system_folders_are_no_packages():
     assert find_package("etc", beside="/home/someone/robots/arm/urdf/arm.urdf") is None
 

@@ -17,7 +17,7 @@ from urllib.parse import unquote, urlsplit
 PackageFolders = Mapping[str, "str | os.PathLike[str]"] | Iterable["str | os.PathLike[str]"]
 """Folders of packages: a mapping from package name to folder, or folders that are packages or hold packages."""
 
-_NAME = re.compile(r"[\w.-]+")
+_NAME = re.compile(r"\w[\w.-]*")  # no hidden folder is a package
 _LEVELS_WITHOUT_MANIFEST = 3  # folders above the file in which a sibling without package.xml still counts as a package
 
 
@@ -43,7 +43,7 @@ def find_package(
     >>> find_package("no_such_package_anywhere") is None
     True
     """
-    if not _NAME.fullmatch(name) or set(name) == {"."}:
+    if not _NAME.fullmatch(name):
         return None
     for folder in _candidates(name, packages, beside):
         if _is_folder(folder):
