@@ -132,6 +132,8 @@ def test_any_leading_axes(shape):
         np.testing.assert_allclose(stack[index], pose(q[index]), atol=1e-15)
     with pytest.raises(ArrayError, match=r"q must have shape \(..., 6\), got \(5,\)"):
         pose(np.zeros(5))
+    with pytest.raises(ArrayError, match="q must be finite, got nan"):
+        pose([0.0, float("nan"), 0.0, 0.0, 0.0, 0.0])
     with pytest.raises(ArrayError, match="q must be numbers"):
         pose("abc")
 

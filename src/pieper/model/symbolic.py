@@ -74,6 +74,8 @@ class SymbolicPose:
             raise ArrayError(f"q must be numbers of shape (..., {len(self.symbols)}), got {q!r}") from cause
         if values.ndim == 0 or values.shape[-1] != len(self.symbols):
             raise ArrayError(f"q must have shape (..., {len(self.symbols)}), got {values.shape}")
+        if not np.isfinite(values).all():
+            raise ArrayError(f"q must be finite, got {values[~np.isfinite(values)][0]}")
         shape = values.shape[:-1]
         T = np.empty((*shape, 4, 4))
         for k, element in enumerate(self._compiled(*np.moveaxis(values, -1, 0))):
