@@ -12,7 +12,9 @@ namespace {
 
 constexpr double turn = 2 * std::numbers::pi;
 // Limits beyond this bound nothing [rad or m]; a seed beyond it is too far away to be followed by whole turns.
-constexpr double endless = 1e3;
+constexpr double endless = 1e3, endless_slide = 1e6;
+// Where a search without limits starts: about one turn, and what a rail or a mobile base may cover.
+constexpr double first_turn = 1, first_slide = 100;
 constexpr std::size_t table_pages = 4, page_entries = 1024;
 
 // Whole multiples of a turn of this joint leave every axis where it was.
@@ -25,6 +27,15 @@ bool periodic_joint(const Chain& chain, std::size_t joint) {
     moves = true;
   }
   return moves;
+}
+
+// The joint only slides axes.
+bool sliding_joint(const Chain& chain, std::size_t joint) {
+  for (std::size_t i = 0; i < chain.axes(); ++i) {
+    const double factor = chain.coupled() ? chain.coupling(i)[joint] : (i == joint ? 1.0 : 0.0);
+    if (factor != 0 && chain.folded().axes[i].revolute) return false;
+  }
+  return true;
 }
 
 }  // namespace
@@ -48,11 +59,14 @@ void SearchTable::set_boxes(const Chain& chain) {
       const double middle = std::min(std::max(0.0, lower + turn / 2), upper - turn / 2);
       first = middle - turn / 2, last = middle + turn / 2;
       lower = -INFINITY, upper = INFINITY;
-    } else if (std::abs(lower) > endless || std::abs(upper) > endless) {
-      // half unbounded, or an endless slide: start within a metre (or radian) or so
-      first = std::abs(lower) <= endless ? lower : std::abs(upper) <= endless ? upper - 2 : -1;
-      last = std::abs(upper) <= endless ? upper : first + 2;
     }
+    const bool slides = sliding_joint(chain, i);
+    const double most = slides ? endless_slide : endless, room = slides ? first_slide : first_turn;
+    if (!turns && (std::abs(lower) > most || std::abs(upper) > most)) {  // unbounded, or on one side
+      first = std::abs(lower) <= most ? lower : std::abs(upper) <= most ? upper - 2 * room : -room;
+      last = std::abs(upper) <= most ? upper : first + 2 * room;
+    }
+    longest_step_.push_back(slides ? std::max(1.0, 0.25 * (last - first)) : 1.0);
     if (periodic) {
       shift = turn * std::round(0.5 * (first + last) / turn);
       first -= shift, last -= shift, lower -= shift, upper -= shift;
@@ -63,6 +77,7 @@ void SearchTable::set_boxes(const Chain& chain) {
   space_.joints = n;
   space_.lower = lower_.data(), space_.upper = upper_.data();
   space_.first = first_.data(), space_.last = last_.data();
+  space_.longest_step = longest_step_.data();
   space_.turns = turns_.get();
   space_.coupling = chain.coupled() ? chain.coupling(0) : nullptr;
 }

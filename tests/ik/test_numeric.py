@@ -335,6 +335,8 @@ def test_malformed_targets(T, message):
         ({"seed": np.zeros((2, 6))}, r"leading axes that broadcast to \(\), got \(2, 6\)"),
         ({"position_tolerance": 0.0}, "tolerances must be positive"),
         ({"rotation_tolerance": np.nan}, "tolerances must be positive"),
+        ({"position_tolerance": "1"}, "tolerances must be positive numbers .* got '1'"),
+        ({"count": 2**40}, "count must be at most 1024"),
         ({"restarts": 0}, "restarts must be a whole number of at least 1, got 0"),
         ({"iterations": -1}, "iterations must be a whole number"),
         ({"count": 1.5}, "count must be a whole number of at least 1, got 1.5"),
@@ -353,3 +355,21 @@ def test_chains_that_are_too_short_or_too_long():
     with pytest.raises(ArrayError, match="1 to 32 axes, 'planar' has 33"):
         solve_numeric(planar(*[0.1] * 33), np.eye(4))
     assert solve_numeric(planar(*[0.1] * 32), target.ignore_orientation([1.0, 1.0, 0.0])).reached
+
+
+@pytest.mark.parametrize("limit", [np.inf, 1100.0])
+def test_an_arm_on_a_long_rail_goes_far(limit):
+    arm = chain("ur5e")
+    rail = Chain(
+        "rail",
+        np.vstack([[0, 1, 0, 0, 0, 0], arm.screws]),
+        arm.home,
+        np.vstack([[-limit, limit], arm.limits]),
+        ("rail", *arm.joint_names),
+    )
+    rng = np.random.default_rng(7)
+    far = min(limit, 60.0)
+    q = np.column_stack([rng.uniform(-far, far, 200), rng.uniform(-3, 3, (200, 6))])
+    answers = solve_numeric(rail, fk(rail, q))
+    assert answers.reached.all()
+    assert answers.position_error.max() < 1e-9

@@ -37,8 +37,9 @@ struct SearchSpace {
   const double* upper = nullptr;
   const double* first = nullptr;  // box of the starting points
   const double* last = nullptr;
-  const bool* turns = nullptr;       // joints that turn freely
-  const double* coupling = nullptr;  // (axes, joints), or null where every joint moves its own axis
+  const double* longest_step = nullptr;  // of each joint in one iteration [rad or m]
+  const bool* turns = nullptr;           // joints that turn freely
+  const double* coupling = nullptr;      // (axes, joints), or null where every joint moves its own axis
   // Starting points by their poses: twelve rows (position, rotation row-major) of `entries` numbers, page after page.
   const double* poses = nullptr;
   const double* starts = nullptr;  // (pages * entries, joints)

@@ -31,7 +31,7 @@ class SearchTable {
 
   SearchSpace space_;
   double reach_ = 0;
-  std::vector<double> lower_, upper_, first_, last_, steps_, starts_, poses_;
+  std::vector<double> lower_, upper_, first_, last_, longest_step_, steps_, starts_, poses_;
   std::vector<double> limits_, shift_;  // q = x + shift
   std::vector<char> periodic_;
   std::unique_ptr<bool[]> turns_;

@@ -72,14 +72,13 @@ inline void damped_step(const Columns& columns, std::size_t n, const Vec* e, Vec
 }
 
 constexpr double least_damping = 1e-18;
-constexpr double longest_step = 1.0;  // rad or m, of one joint
 
-// q + step, shortened as a whole to the longest step allowed, and clamped to the box.
+// q + step, shortened as a whole until no joint goes beyond its longest step, and clamped to the box.
 inline void move(const SearchSpace& space, const Vec* step, Vec* q) {
   const std::size_t n = space.joints;
-  Vec longest = splat(longest_step);
-  for (std::size_t i = 0; i < n; ++i) longest = larger(longest, magnitude(step[i]));
-  const Vec scale = longest_step / longest;
+  Vec excess = splat(1.0);
+  for (std::size_t i = 0; i < n; ++i) excess = larger(excess, magnitude(step[i]) / space.longest_step[i]);
+  const Vec scale = 1.0 / excess;
   for (std::size_t i = 0; i < n; ++i)
     q[i] = larger(smaller(q[i] + scale * step[i], splat(space.upper[i])), splat(space.lower[i]));
 }

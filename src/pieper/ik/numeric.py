@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 MOST_AXES = 32
 """Axes that the compiled solver takes."""
+MOST_ANSWERS = 1024
+"""Most distinct answers that one call looks for."""
 
 _DISTINCT = 1e-3  # [rad or m], the least difference of two answers in some joint
 _RESTARTS_FOR_REACH = 64  # the nearest pose is the first of them, and three rows have few local minima
@@ -111,10 +113,12 @@ def solve_numeric(
         raise ArrayError(
             f"the numeric solver takes chains with 1 to {MOST_AXES} axes, {chain.name!r} has {len(chain.screws)}"
         )
-    if not (0.0 < position_tolerance < np.inf and 0.0 < rotation_tolerance < np.inf):
+    if not (_is_positive(position_tolerance) and _is_positive(rotation_tolerance)):
         raise ArrayError(
             f"tolerances must be positive numbers [m] and [rad], got {position_tolerance!r} and {rotation_tolerance!r}"
         )
+    if isinstance(count, int) and count > MOST_ANSWERS:
+        raise ArrayError(f"count must be at most {MOST_ANSWERS}, got {count}")
     options = (position_tolerance, rotation_tolerance, restarts, iterations, count, _DISTINCT, threads)
     try:
         result = chain.native.solve_numeric(T, seed, rows, *options)
@@ -160,6 +164,10 @@ def _out_of_reach(
     distance = np.full_like(near_position, np.nan)
     distance[missed] = np.where(free[3][..., 0], 0.0, free[6])
     return distance
+
+
+def _is_positive(value: object) -> bool:
+    return isinstance(value, (float, int, np.floating, np.integer)) and 0.0 < value < np.inf
 
 
 def _require_count(value: object, name: str) -> None:
