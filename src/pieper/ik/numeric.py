@@ -117,7 +117,7 @@ def solve_numeric(
         raise ArrayError(
             f"tolerances must be positive numbers [m] and [rad], got {position_tolerance!r} and {rotation_tolerance!r}"
         )
-    if isinstance(count, int) and count > MOST_ANSWERS:
+    if _is_positive(count) and count > MOST_ANSWERS:
         raise ArrayError(f"count must be at most {MOST_ANSWERS}, got {count}")
     options = (position_tolerance, rotation_tolerance, restarts, iterations, count, _DISTINCT, threads)
     try:
@@ -167,7 +167,7 @@ def _out_of_reach(
 
 
 def _is_positive(value: object) -> bool:
-    return isinstance(value, (float, int, np.floating, np.integer)) and 0.0 < value < np.inf
+    return isinstance(value, (float, int, np.floating, np.integer)) and bool(0.0 < value < np.inf)
 
 
 def _require_count(value: object, name: str) -> None:
