@@ -347,3 +347,12 @@ def test_relative_names_stay_relative_to_the_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("two.urdf").write_text(ARM)
     assert from_urdf("two.urdf").source == "two.urdf"
+
+
+def test_a_joint_far_along_its_own_axis():
+    """Rounding of p x w grows with the distance; the screw must still have no pitch (found by fuzzing)."""
+    text = """<robot name="far"><link name="a"/><link name="b"/>
+      <joint name="j" type="continuous"><parent link="a"/><child link="b"/>
+        <origin xyz="3.1e8 2.7e8 1.9e8"/><axis xyz="3.1 2.7 1.9"/></joint></robot>"""
+    screw = from_urdf(text).chain().screws[0]
+    assert abs(screw[:3] @ screw[3:]) < 1e-9

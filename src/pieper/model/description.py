@@ -646,7 +646,9 @@ def _screw(T_base_joint: FloatArray, joint: Joint, sign: float) -> FloatArray:
     w = sign * (T_base_joint[:3, :3] @ joint.axis)
     if joint.type == "prismatic":
         return np.concatenate([w, np.zeros(3)])
-    return np.concatenate([np.cross(T_base_joint[:3, 3], w), w])
+    v = np.cross(T_base_joint[:3, 3], w)
+    pitch = float(v @ w)  # rounding; more than that only where the joint lies far along its own axis
+    return np.concatenate([v - pitch * w if abs(pitch) > _ON_AXIS else v, w])
 
 
 def _moved(joint: Joint, value: float) -> FloatArray:
