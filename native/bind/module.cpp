@@ -22,5 +22,6 @@ NB_MODULE(kernels, module) {
   bind_forward_kinematics(chain);
   bind_jacobian(chain);
   bind_numeric_ik(module, chain);
+  bind_closed_form(module, chain);
   bind_instruction_sets(module);
 }

@@ -128,4 +128,15 @@ bool manipulability(const Chain& chain, const double* q, std::size_t count, std:
   });
 }
 
+void solve_closed_form(const Chain& chain, const ClosedForm& form, const double* targets, std::size_t count,
+                       const ClosedFormOptions& options, std::size_t threads, const ClosedFormResults& out) {
+  split(count, threads, [&](std::size_t first, std::size_t some) {
+    const std::size_t slot = first * closed_form_branches;
+    kernels().solve_closed_form(chain.folded(), form, options, targets + 16 * first, some,
+                                {out.q + slot * form.joints, out.position_error + slot, out.rotation_error + slot,
+                                 out.valid + slot, out.doubtful + first});
+    return true;
+  });
+}
+
 }  // namespace pieper

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "pieper/chain.hpp"
+#include "pieper/closed_form.hpp"
 #include "pieper/numeric_ik.hpp"
 
 namespace pieper {
@@ -30,6 +31,9 @@ struct Kernels {
   // One target (4x4); `seed` is null or a point of the search space that is tried first.
   void (*solve_numeric)(const Folded&, const SearchSpace&, const TargetRows&, const NumericOptions&,
                         const double* target, const double* seed, NumericAnswer&);
+  void (*solve_closed_form)(const Folded&, const ClosedForm&, const ClosedFormOptions&, const double* targets,
+                            std::size_t count, const ClosedFormResults&);
+  void (*arctangent)(const double* y, const double* x, std::size_t count, double* angle);
 };
 
 // No joint value may exceed this [rad or m]: an angle beyond it has no digits left, and nothing overflows below it.

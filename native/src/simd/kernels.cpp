@@ -1,6 +1,7 @@
 // The kernels of one instruction set: this file is compiled once for each, with PIEPER_ISA and PIEPER_LANES defined.
 #include "pieper/kernels.hpp"
 
+#include "simd/closed_form.hpp"
 #include "simd/forward_kinematics.hpp"
 #include "simd/jacobian.hpp"
 #include "simd/numeric_ik.hpp"
@@ -202,6 +203,13 @@ void sincos_of(const double* angle, std::size_t count, double* sine, double* cos
   }
 }
 
+void arctangents(const double* y, const double* x, std::size_t count, double* angle) {
+  for (std::size_t k = 0; k < count; ++k) {
+    Vec a = arctangent(splat(y[k]), splat(x[k]));
+    angle[k] = lane(a, 0);
+  }
+}
+
 bool all_within(const double* numbers, std::size_t count, double limit) {
   std::size_t k = 0;
   for (; k + lanes <= count; k += lanes)
@@ -220,7 +228,15 @@ bool all_within(const double* numbers, std::size_t count, double limit) {
 
 namespace pieper {
 extern const Kernels PIEPER_JOIN(kernels_, PIEPER_ISA);
-const Kernels PIEPER_JOIN(kernels_, PIEPER_ISA){
-    PIEPER_TEXT(PIEPER_ISA), lanes,     poses,      jacobians,           manipulabilities,
-    pose_and_jacobian,       sincos_of, all_within, solve_numeric_target};
+const Kernels PIEPER_JOIN(kernels_, PIEPER_ISA){PIEPER_TEXT(PIEPER_ISA),
+                                                lanes,
+                                                poses,
+                                                jacobians,
+                                                manipulabilities,
+                                                pose_and_jacobian,
+                                                sincos_of,
+                                                all_within,
+                                                solve_numeric_target,
+                                                solve_closed_form_of,
+                                                arctangents};
 }  // namespace pieper

@@ -40,6 +40,11 @@ class NativeChain:
         Joints (..., count, n) for poses (..., 4, 4), and how well they do: position_error, rotation_error, valid, within_limits (..., count), nearest (..., n), its errors (...), status (...), and how many were missed.
         """
 
+    def solve_closed_form(self, form: ClosedForm, targets: object, position_tolerance: float, rotation_tolerance: float, threads: int) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_]]:
+        """
+        Joints (..., 8, n) of every branch for poses (..., 4, 4), valid, position_error and rotation_error (..., 8), and doubtful (...).
+        """
+
 class RotationTarget(enum.Enum):
     free = 0
 
@@ -56,6 +61,36 @@ class NumericStatus(enum.Enum):
 
 class TargetRows:
     def __init__(self, weights: object, position_in_tool: bool, rotation_in_tool: bool, rotation: RotationTarget, axis: object) -> None: ...
+
+class ClosedFormFamily(enum.Enum):
+    spherical_wrist = 0
+
+    three_parallel = 1
+
+    three_parallel_skew = 2
+
+    planar = 3
+
+    gantry = 4
+
+class FirstThree(enum.Enum):
+    parallel_23 = 0
+
+    parallel_12 = 1
+
+    intersecting_12 = 2
+
+    intersecting_23 = 3
+
+    general = 4
+
+    sliding_3 = 5
+
+class ClosedForm:
+    def __init__(self, family: ClosedFormFamily, first_three: FirstThree, reversed: bool, screws: object, home: object, scale: float, capture: float, widened: float) -> None: ...
+
+def arctangent(y: object, x: object) -> numpy.typing.NDArray[numpy.float64]:
+    """The angle of points (x, y), as the kernels compute it."""
 
 def instruction_set() -> str:
     """Name of the instruction set in use."""
