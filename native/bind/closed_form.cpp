@@ -39,6 +39,7 @@ void bind_closed_form(nb::module_& module, nb::class_<NativeChain>& chain) {
         if (self.chain.joints() != n || self.chain.axes() != n || self.chain.coupled()) not_plain("form");
         if (threads == 0) not_plain("threads");
         const Input T(targets, {4, 4}, "targets");
+        T.require_finite();
         if (!all_poses(T.data(), T.count())) not_plain("targets");
         const Output q(T.leading(), {k, n}, nb::none()), position(T.leading(), {k}, nb::none()),
             rotation(T.leading(), {k}, nb::none());

@@ -564,4 +564,10 @@ def test_what_cannot_be_solved_says_so():
         solve_closed_form(arm, family("ur5e"), np.diag([1.0, 1.0, 2.0, 1.0]))
     with pytest.raises(ArrayError):
         solve_closed_form(arm, family("ur5e"), np.full((4, 4), np.nan))
+    nowhere = np.eye(4)
+    nowhere[0, 3] = np.nan
+    with pytest.raises(ArrayError, match="finite"):
+        solve_closed_form(arm, family("ur5e"), nowhere)
+    nowhere[0, 3] = 1e200
+    assert not solve_closed_form(arm, family("ur5e"), nowhere).valid.any()
     assert solve_closed_form(arm, family("ur5e"), np.eye(4).tolist()).q.shape == (8, 6)

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from pieper._native.kernels import ClosedForm, ClosedFormFamily, FirstThree
+from pieper._native import kernels
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -138,17 +138,19 @@ class Family:
         return self.has_closed_form and self.level != "approximate"
 
     @cached_property
-    def native(self) -> ClosedForm:
+    def native(self) -> kernels.ClosedForm:
         """The constants that the compiled solver takes; made once."""
         if self.screws is None or self.home is None:
             raise ValueError(f"no closed form: {self.reason}")
         kind = getattr(
             ClosedFormFamily, _NATIVE[self.name] + ("_skew" if self.quartic and not self.first_three else "")
         )
-        arrangement = getattr(FirstThree, self.first_three or "parallel_23")
+        arrangement = getattr(kernels.FirstThree, self.first_three or "parallel_23")
         widened = 0.0 if self.level == "exact" else _WIDENED * self.deviation
         capture = max(_CAPTURE[self.level], _CAPTURE_OF_ROOTS if self.quartic else 0.0)
-        return ClosedForm(kind, arrangement, self.reversed, self.screws, self.home, self.scale, capture, widened)
+        return kernels.ClosedForm(
+            kind, arrangement, self.reversed, self.screws, self.home, self.scale, capture, widened
+        )
 
     def __str__(self) -> str:
         return self.reason
