@@ -143,7 +143,7 @@ class Family:
         if self.screws is None or self.home is None:
             raise ValueError(f"no closed form: {self.reason}")
         kind = getattr(
-            ClosedFormFamily, _NATIVE[self.name] + ("_skew" if self.quartic and not self.first_three else "")
+            kernels.ClosedFormFamily, _NATIVE[self.name] + ("_skew" if self.quartic and not self.first_three else "")
         )
         arrangement = getattr(kernels.FirstThree, self.first_three or "parallel_23")
         widened = 0.0 if self.level == "exact" else _WIDENED * self.deviation
@@ -329,19 +329,16 @@ def find_family(chain: Chain, *, approximate: bool = False) -> Family:
 
 def run_self_test(chain: Chain, family: Family) -> SelfTest:
     """Solves poses of the arm itself: 200 random ones and 64 with joints at multiples of 90 degrees."""
-    from pieper.ik.closed_form import solve_closed_form
-
     rng = np.random.default_rng(1968)
     q = rng.uniform(-np.pi, np.pi, (_RANDOM_POSES, chain.dof))
-    answers = solve_closed_form(chain, family, chain.native.fk(q))
-    apart = np.abs(np.remainder(answers.q - q[:, None] + np.pi, 2 * np.pi) - np.pi).max(axis=-1)
-    found = np.any(answers.valid & (apart < 1e-5), axis=-1) | answers.doubtful
     grid = rng.integers(-1, 3, (_GRID_POSES, chain.dof)) * (np.pi / 2)
-    there = solve_closed_form(chain, family, chain.native.fk(grid))
-    errors = [a[m] for s in (answers, there) for a, m in ((s.position_error, s.valid), (s.rotation_error, s.valid))]
-    worst = max((float(e.max()) for e in errors if e.size), default=float("nan"))
-    reached = there.valid.any(axis=-1) | there.doubtful
-    return SelfTest(float(found.mean()), float(reached.mean()), float(answers.doubtful.mean()), worst)
+    T = chain.native.fk(np.concatenate([q, grid]))
+    answers, valid, position, rotation, doubtful = chain.native.solve_closed_form(family.native, T, 1e-9, 1e-9, 1)
+    apart = np.abs(np.remainder(answers[:_RANDOM_POSES] - q[:, None] + np.pi, 2 * np.pi) - np.pi).max(axis=-1)
+    found = np.any(valid[:_RANDOM_POSES] & (apart < 1e-5), axis=-1) | doubtful[:_RANDOM_POSES]
+    reached = valid[_RANDOM_POSES:].any(axis=-1) | doubtful[_RANDOM_POSES:]
+    worst = max(position[valid].max(initial=0.0), rotation[valid].max(initial=0.0))
+    return SelfTest(float(found.mean()), float(reached.mean()), float(doubtful[:_RANDOM_POSES].mean()), float(worst))
 
 
 def _words(level: str, deviation: float) -> str:
