@@ -509,6 +509,32 @@ PIEPER_INLINE Measured measure(const Folded& chain, const double* T, const Vec* 
   return {length(off), arctangent(length(sine), cosine)};  // both of twice the size
 }
 
+// The step of Gauss and Newton for fewer than six joints, (J^T J + damping I)^-1 J^T e: J J^T is never regular there.
+PIEPER_INLINE void newton_step(const Columns& columns, std::size_t n, const Vec* e, Vec damping, Vec* step) {
+  Vec A[6][6], inverse[6];
+  for (std::size_t r = 0; r < n; ++r) {
+    for (std::size_t c = 0; c <= r; ++c) {
+      A[r][c] = columns[r][0] * columns[c][0];
+      for (int k = 1; k < 6; ++k) A[r][c] += columns[r][k] * columns[c][k];
+    }
+    A[r][r] += damping;
+    step[r] = columns[r][0] * e[0];
+    for (int k = 1; k < 6; ++k) step[r] += columns[r][k] * e[k];
+  }
+  for (std::size_t k = 0; k < n; ++k) {
+    inverse[k] = 1.0 / A[k][k];
+    for (std::size_t r = k + 1; r < n; ++r) {
+      const Vec factor = A[r][k] * inverse[k];
+      for (std::size_t c = k + 1; c <= r; ++c) A[r][c] -= factor * A[c][k];
+      step[r] -= factor * step[k];
+    }
+  }
+  for (std::size_t k = n; k-- > 0;) {
+    for (std::size_t r = k + 1; r < n; ++r) step[k] -= A[r][k] * step[r];
+    step[k] *= inverse[k];
+  }
+}
+
 // Newton's method on the arm itself for lanes whose error is small but not that of rounding.
 PIEPER_OUT_OF_LINE void polish(const Folded& chain, const ClosedForm& f, const double* T, Vec* q, Measured& m) {
   const Goal goal = goal_of(T, TargetRows{});
@@ -531,7 +557,12 @@ PIEPER_OUT_OF_LINE void polish(const Folded& chain, const ClosedForm& f, const d
     const IntVec going = (least > settled) & (least < capture) & (least < 0.9 * before);
     if (step == most_steps || !any(going)) break;
     Vec dq[6];
-    damped_step(columns, n, errors.rows, 0.01 * errors.cost + 1e-17, dq);
+    const Vec damping = 0.01 * errors.cost + 1e-17;
+    if (n < 6) {
+      newton_step(columns, n, errors.rows, damping, dq);
+    } else {  // at a singular pose what rounding adds to (J J^T)^-1 e is mostly lost in J^T
+      damped_step(columns, n, errors.rows, damping, dq);
+    }
     for (std::size_t i = 0; i < n; ++i) {
       constexpr double longest = 0.3;
       at[i] = select(going, at[i] + larger(smaller(dq[i], splat(longest)), splat(-longest)), best[i]);
