@@ -119,7 +119,15 @@ def bench(session: nox.Session) -> None:
     session.install("-r", "benchmarks/requirements.txt", *groups("build", "bench"))
     session.install("--no-deps", "-r", "benchmarks/requirements-urdfs.txt")
     session.install("--no-build-isolation", ".")
-    questions = ("forward_kinematics", "single_call", "numeric_ik", "closed_form", "report_loop", "import_and_size", "public_urdfs")
+    questions = (
+        "forward_kinematics",
+        "single_call",
+        "numeric_ik",
+        "closed_form",
+        "report_loop",
+        "import_and_size",
+        "public_urdfs",
+    )
     for question in session.posargs or questions:
         session.run("python", f"benchmarks/{question}.py")
     session.run("python", "benchmarks/plots.py")

@@ -11,6 +11,7 @@ from pieper.kinematics.fk import fk
 from pieper.model.chain import Chain
 from pieper.spatial.rotation import from_rotation_vector
 from tests.ik.test_closed_form import apart, check_accuracy, found
+from tests.ik.test_family import disturbed
 
 KINDS = {
     "spherical, 2 and 3 parallel": ((1, 2), (), "parallel_23"),
@@ -173,3 +174,26 @@ def test_near_folds_an_answer_is_never_false(kind):
         one = several[valid]
         if len(one) > 1:
             assert (apart(one[:, None], one[None]) + 10 * np.eye(len(one))).min() > 1e-7
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_rounded_random_arms_lose_nothing_unsaid(kind):
+    """With every axis a little off, a lost answer is always at a pose that is called doubtful."""
+    solved = 0
+    for seed in range(12):
+        exact = random_arm(kind, seed)
+        arm = disturbed(exact, 3e-7, 3e-7, seed)
+        if not well_posed(exact):
+            continue
+        family = find_family(arm)
+        if not family.has_closed_form:
+            continue
+        assert family.level == "rounded"
+        q = np.random.default_rng(seed).uniform(-np.pi, np.pi, (1000, arm.dof))
+        T = fk(arm, q)
+        answers = solve_closed_form(arm, family, T)
+        check_accuracy(answers, arm, T)
+        assert (found(answers, q, within=1e-5) | answers.doubtful).all(), seed
+        assert answers.doubtful.mean() < 0.5
+        solved += 1
+    assert solved > 3

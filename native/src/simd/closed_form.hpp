@@ -135,12 +135,13 @@ PIEPER_INLINE void place_wrist(const ClosedForm& f, const Point& goal, const Sig
 // Roots of a quartic, one for each pair of branches.
 struct Roots {
   double c[branches], s[branches];
+  bool close;
 };
 
-PIEPER_INLINE Roots spread(const Wave& wave) {
+PIEPER_INLINE Roots spread(const ClosedForm& f, const Wave& wave) {
   double c[4], s[4];
-  real_roots(wave, c, s);
   Roots roots;
+  roots.close = real_roots(wave, std::sqrt(fold_of(f).within), c, s);
   for (std::size_t b = 0; b < branches; ++b) roots.c[b] = c[b / 2], roots.s[b] = s[b / 2];
   return roots;
 }
@@ -192,7 +193,7 @@ PIEPER_OUT_OF_LINE Roots pieper_roots(const ClosedForm& f, const double* goal) {
   add_product(wave, a2, q.A, q.A);
   add_product(wave, a2 * t2, along, along);
   for (int k = 0; k < 3; ++k) wave.k[k] -= a2 * t2 * square.a[k];
-  return spread(wave);
+  return spread(f, wave);
 }
 
 // The third joint slides: the distance of the wrist centre from where axes 1 and 2 meet is a quadratic in it.
@@ -261,7 +262,7 @@ PIEPER_OUT_OF_LINE Roots skew_roots(const ClosedForm& f, const Displacement& G) 
   add_product(wave, 1, c, c);
   add_product(wave, 1, s, s);
   wave.k[0] -= determinant * determinant;
-  return spread(wave);
+  return spread(f, wave);
 }
 
 // Turns 4, 5, 6 that leave axis 6 and a vector across it where the pose wants them.
@@ -607,7 +608,7 @@ void solve_closed_form_of(const Folded& chain, const ClosedForm& f, const Closed
     double* q_out = out.q + k * branches * n;
     bool* valid = out.valid + k * branches;
     IntVec near = bits(splat(0.0));
-    bool polished = false;
+    bool polished = false, doubtful = false;
     Roots roots{};
     if (f.family == ClosedFormFamily::three_parallel_skew) {
       roots = skew_roots(f, G);
@@ -629,11 +630,29 @@ void solve_closed_form_of(const Folded& chain, const ClosedForm& f, const Closed
       Measured m = measure(chain, T, q);
       const IntVec rough = (m.position > rounding * length_unit) | (m.rotation > rounding);
       const IntVec close = (m.position <= f.capture * f.scale) & (m.rotation <= f.capture);
-      if (any(rough & close)) polish(chain, f, T, q, m), polished = true;
+      // an ideal arm's answer that is off by what the difference of the arms can make of it
+      constexpr double enlarged = 2500;
+      const double off = enlarged * f.widened < f.capture ? enlarged * f.widened : f.capture;
+      const IntVec expected = (m.position <= off * f.scale) & (m.rotation <= off);
+      IntVec lost_way = bits(splat(0.0));
+      if (any(rough & close)) {
+        Vec start[6];
+        for (std::size_t i = 0; i < n; ++i) start[i] = q[i];
+        polish(chain, f, T, q, m), polished = true;
+        for (std::size_t i = 0; i < n; ++i) {  // further than an answer of the ideal arm is from one of the arm
+          constexpr double far = 0.1, turn = 0x1.921fb54442d18p+2;
+          const Vec way = magnitude(q[i] - start[i]);
+          lost_way = lost_way | ((way > far) & (magnitude(way - turn) > far));
+        }
+      }
       IntVec good = (m.position <= options.position_tolerance) & (m.rotation <= options.rotation_tolerance);
-      if (!f.uses_front) good = good & (signs.front > 0.0);
-      if (!f.uses_elbow) good = good & (signs.elbow > 0.0);
-      if (!f.uses_wrist) good = good & (signs.wrist > 0.0);
+      IntVec used = signs.front == signs.front;
+      if (!f.uses_front) used = used & (signs.front > 0.0);
+      if (!f.uses_elbow) used = used & (signs.elbow > 0.0);
+      if (!f.uses_wrist) used = used & (signs.wrist > 0.0);
+      // with fewer than six joints most such answers are none of the arm's, which meets six equations
+      if (f.widened > 0 && n == 6 && any(used & ((close & lost_way) | (expected & (good == 0))))) doubtful = true;
+      good = good & used;
       const Vec nan = splat(__builtin_nan(""));
       for (std::size_t i = 0; i < n; ++i) q[i] = select(good, q[i], nan);
       scatter(q, n, q_out + first * n, n, false);
@@ -641,7 +660,7 @@ void solve_closed_form_of(const Folded& chain, const ClosedForm& f, const Closed
       store(out.rotation_error + k * branches + first, select(good, m.rotation, nan));
       for (std::size_t l = 0; l < lanes; ++l) valid[first + l] = get(good, l);
     }
-    out.doubtful[k] = f.widened > 0 && any(near);
+    out.doubtful[k] = f.widened > 0 && (doubtful || any(near) || roots.close);
     const bool by_roots = f.family == ClosedFormFamily::three_parallel_skew || f.first_three == FirstThree::general;
     if (polished || by_roots || any(near)) {
       bool before[branches];
@@ -649,6 +668,7 @@ void solve_closed_form_of(const Folded& chain, const ClosedForm& f, const Closed
       drop_repeated(chain, n, q_out, valid);
       for (std::size_t b = 0; b < branches; ++b)
         if (before[b] && !valid[b]) {
+          if (f.widened > 0) out.doubtful[k] = true;
           for (std::size_t i = 0; i < n; ++i) q_out[b * n + i] = __builtin_nan("");
           out.position_error[k * branches + b] = out.rotation_error[k * branches + b] = __builtin_nan("");
         }

@@ -48,7 +48,9 @@ inline void add_product(Wave& to, double factor, const Linear& p, const Linear& 
 
 // Cosines and sines of the roots; NaN in unused places. Those close to a pair that has just left the circle
 // are among them: what they are worth shows when the pose is measured.
-inline void real_roots(const Wave& wave, double* cosine, double* sine) {
+// Returns whether two of the four lie within `margin` of each other, so that a slightly different wave may have two more
+// or two less.
+inline bool real_roots(const Wave& wave, double margin, double* cosine, double* sine) {
   const double* k = wave.k;
   constexpr double off_circle = 0.02;
   Complex coefficient[5] = {{0.5 * k[3], 0.5 * k[4]},
@@ -89,6 +91,9 @@ inline void real_roots(const Wave& wave, double* cosine, double* sine) {
     }
     if (largest < 1e-28) break;
   }
+  bool close = false;
+  for (int i = 0; i < degree; ++i)
+    for (int j = 0; j < i; ++j) close = close || square_of(z[i] - z[j]) < margin * margin;
   int found = 0;
   for (int i = 0; i < degree; ++i) {
     const double radius = std::sqrt(square_of(z[i]));
@@ -106,6 +111,7 @@ inline void real_roots(const Wave& wave, double* cosine, double* sine) {
     cosine[found] = c, sine[found] = s, ++found;
   }
   for (int i = found; i < 4; ++i) cosine[i] = sine[i] = __builtin_nan("");
+  return close;
 }
 
 }  // namespace
