@@ -653,7 +653,7 @@ void solve_closed_form_of(const Folded& chain, const ClosedForm& f, const Closed
       // with fewer than six joints most such answers are none of the arm's, which meets six equations
       if (f.widened > 0 && n == 6 && any(used & ((close & lost_way) | (expected & (good == 0))))) doubtful = true;
       good = good & used;
-      const Vec nan = splat(__builtin_nan(""));
+      const Vec nan = splat(static_cast<double>(NAN));
       for (std::size_t i = 0; i < n; ++i) q[i] = select(good, q[i], nan);
       scatter(q, n, q_out + first * n, n, false);
       store(out.position_error + k * branches + first, select(good, m.position, nan));
@@ -669,8 +669,8 @@ void solve_closed_form_of(const Folded& chain, const ClosedForm& f, const Closed
       for (std::size_t b = 0; b < branches; ++b)
         if (before[b] && !valid[b]) {
           if (f.widened > 0) out.doubtful[k] = true;
-          for (std::size_t i = 0; i < n; ++i) q_out[b * n + i] = __builtin_nan("");
-          out.position_error[k * branches + b] = out.rotation_error[k * branches + b] = __builtin_nan("");
+          for (std::size_t i = 0; i < n; ++i) q_out[b * n + i] = static_cast<double>(NAN);
+          out.position_error[k * branches + b] = out.rotation_error[k * branches + b] = static_cast<double>(NAN);
         }
     }
   }

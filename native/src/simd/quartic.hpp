@@ -110,7 +110,7 @@ inline bool real_roots(const Wave& wave, double margin, double* cosine, double* 
     }
     cosine[found] = c, sine[found] = s, ++found;
   }
-  for (int i = found; i < 4; ++i) cosine[i] = sine[i] = __builtin_nan("");
+  for (int i = found; i < 4; ++i) cosine[i] = sine[i] = static_cast<double>(NAN);
   return close;
 }
 

@@ -10,6 +10,8 @@
 // Where no exact answer exists the nearest one is returned (least squares), and the caller measures what is left.
 #pragma once
 
+#include <cmath>
+
 #include "pieper/closed_form.hpp"
 #include "simd/arctangent.hpp"
 
@@ -23,7 +25,7 @@ PIEPER_INLINE Vec root(Vec value) {
 #elif PIEPER_LANES == 2
   return Vec{__builtin_sqrt(value[0]), __builtin_sqrt(value[1])};
 #else
-  return __builtin_sqrt(value);
+  return std::sqrt(value);
 #endif
 }
 
