@@ -1,5 +1,7 @@
 #include "arrays.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "pieper/kernels.hpp"
@@ -109,5 +111,21 @@ Output::Output(const std::vector<Py_ssize_t>& leading, std::initializer_list<std
 }
 
 Output::~Output() { PyBuffer_Release(&view_); }
+
+bool all_poses(const double* T, std::size_t count) {
+  constexpr double tolerance = 1e-9;
+  for (std::size_t k = 0; k < count; ++k, T += 16) {
+    double worst = std::max({std::abs(T[12]), std::abs(T[13]), std::abs(T[14]), std::abs(T[15] - 1)});
+    for (int r = 0; r < 3; ++r)
+      for (int c = 0; c <= r; ++c) {
+        const double dot = T[4 * r] * T[4 * c] + T[4 * r + 1] * T[4 * c + 1] + T[4 * r + 2] * T[4 * c + 2];
+        worst = std::max(worst, std::abs(dot - (r == c ? 1.0 : 0.0)));
+      }
+    const double determinant =
+        T[0] * (T[5] * T[10] - T[6] * T[9]) - T[1] * (T[4] * T[10] - T[6] * T[8]) + T[2] * (T[4] * T[9] - T[5] * T[8]);
+    if (!(worst <= tolerance) || !(determinant > 0)) return false;
+  }
+  return true;
+}
 
 }  // namespace pieper::bind

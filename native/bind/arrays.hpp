@@ -60,6 +60,32 @@ class Output {
   Py_buffer view_{};
 };
 
+// A new numpy array of another type than float64, by numpy.empty(shape, dtype).
+template <class Number>
+class NewArray {
+ public:
+  NewArray(const std::vector<Py_ssize_t>& leading, std::initializer_list<std::size_t> inner, const char* dtype) {
+    static PyObject* empty = nb::object(nb::module_::import_("numpy").attr("empty")).release().ptr();
+    nb::list shape;
+    for (Py_ssize_t size : leading) shape.append(size);
+    for (std::size_t size : inner) shape.append(size);
+    array_ = nb::handle(empty)(nb::tuple(shape), dtype);
+    if (PyObject_GetBuffer(array_.ptr(), &view_, PyBUF_C_CONTIGUOUS | PyBUF_WRITABLE) != 0) throw nb::python_error();
+  }
+  ~NewArray() { PyBuffer_Release(&view_); }
+  NewArray(const NewArray&) = delete;
+  NewArray& operator=(const NewArray&) = delete;
+  Number* data() const { return static_cast<Number*>(view_.buf); }
+  nb::object array() const { return array_; }
+
+ private:
+  nb::object array_;
+  Py_buffer view_{};
+};
+
+// As pieper.spatial checks poses: (count, 4, 4), a rotation to 1e-9, and the last row 0 0 0 1.
+bool all_poses(const double* T, std::size_t count);
+
 // The tuple of sizes that numpy.empty takes.
 nb::object shape_tuple(const std::vector<Py_ssize_t>& leading, std::initializer_list<std::size_t> inner);
 

@@ -22,5 +22,6 @@ NB_MODULE(kernels, module) {
   bind_forward_kinematics(chain);
   bind_jacobian(chain);
   bind_numeric_ik(module, chain);
+  bind_general_6r(module);
   bind_instruction_sets(module);
 }

@@ -10,46 +10,6 @@
 namespace pieper::bind {
 namespace {
 
-// A new numpy array of another type than float64, by numpy.empty(shape, dtype).
-template <class Number>
-class NewArray {
- public:
-  NewArray(const std::vector<Py_ssize_t>& leading, std::initializer_list<std::size_t> inner, const char* dtype) {
-    static PyObject* empty = nb::object(nb::module_::import_("numpy").attr("empty")).release().ptr();
-    nb::list shape;
-    for (Py_ssize_t size : leading) shape.append(size);
-    for (std::size_t size : inner) shape.append(size);
-    array_ = nb::handle(empty)(nb::tuple(shape), dtype);
-    if (PyObject_GetBuffer(array_.ptr(), &view_, PyBUF_C_CONTIGUOUS | PyBUF_WRITABLE) != 0) throw nb::python_error();
-  }
-  ~NewArray() { PyBuffer_Release(&view_); }
-  NewArray(const NewArray&) = delete;
-  NewArray& operator=(const NewArray&) = delete;
-  Number* data() const { return static_cast<Number*>(view_.buf); }
-  nb::object array() const { return array_; }
-
- private:
-  nb::object array_;
-  Py_buffer view_{};
-};
-
-// As pieper.spatial checks poses: a rotation to 1e-9, and the last row 0 0 0 1.
-bool all_poses(const double* T, std::size_t count) {
-  constexpr double tolerance = 1e-9;
-  for (std::size_t k = 0; k < count; ++k, T += 16) {
-    double worst = std::max({std::abs(T[12]), std::abs(T[13]), std::abs(T[14]), std::abs(T[15] - 1)});
-    for (int r = 0; r < 3; ++r)
-      for (int c = 0; c <= r; ++c) {
-        const double dot = T[4 * r] * T[4 * c] + T[4 * r + 1] * T[4 * c + 1] + T[4 * r + 2] * T[4 * c + 2];
-        worst = std::max(worst, std::abs(dot - (r == c ? 1.0 : 0.0)));
-      }
-    const double determinant =
-        T[0] * (T[5] * T[10] - T[6] * T[9]) - T[1] * (T[4] * T[10] - T[6] * T[8]) + T[2] * (T[4] * T[9] - T[5] * T[8]);
-    if (!(worst <= tolerance) || !(determinant > 0)) return false;
-  }
-  return true;
-}
-
 TargetRows rows_from(nb::handle weights, bool position_in_tool, bool rotation_in_tool, RotationTarget rotation,
                      nb::handle axis) {
   const Input w(weights, {6}, "weights"), a(axis, {3}, "axis");

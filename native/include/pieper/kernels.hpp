@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "pieper/chain.hpp"
+#include "pieper/general_6r.hpp"
 #include "pieper/numeric_ik.hpp"
 
 namespace pieper {
@@ -30,6 +31,7 @@ struct Kernels {
   // One target (4x4); `seed` is null or a point of the search space that is tried first.
   void (*solve_numeric)(const Folded&, const SearchSpace&, const TargetRows&, const NumericOptions&,
                         const double* target, const double* seed, NumericAnswer&);
+  const GeneralKernels* general;  // one target of an arm with six revolute joints
 };
 
 // No joint value may exceed this [rad or m]: an angle beyond it has no digits left, and nothing overflows below it.

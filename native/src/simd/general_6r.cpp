@@ -1,0 +1,122 @@
+// The general solver of one instruction set: this file is compiled once for each, like kernels.cpp.
+#include "pieper/general_6r.hpp"
+
+#include "pieper/kernels.hpp"
+#include "simd/general_6r/polish.hpp"
+
+namespace {
+
+using pieper::FormResult;
+
+constexpr int newton_steps = 8;
+constexpr int damped_steps = 25;
+
+void load_joints(const FormResult& result, std::size_t first, Joints& q) {
+  for (int i = 0; i < 6; ++i) q.c[i] = load(result.cosine[i] + first), q.s[i] = load(result.sine[i] + first);
+}
+
+void store_joints(const Joints& q, Vec residual, FormResult& result, std::size_t first) {
+  for (int i = 0; i < 6; ++i) store(result.cosine[i] + first, q.c[i]), store(result.sine[i] + first, q.s[i]);
+  store(result.residual + first, residual);
+}
+
+// Keeps the converged ones of `count` joints in place.
+void compact(FormResult& result, std::size_t count) {
+  result.count = 0;
+  for (std::size_t k = 0; k < count; ++k) {
+    if (!(result.residual[k] < acceptable)) continue;
+    for (int i = 0; i < 6; ++i)
+      result.cosine[i][result.count] = result.cosine[i][k], result.sine[i][result.count] = result.sine[i][k];
+    result.residual[result.count++] = result.residual[k];
+  }
+}
+
+void solve_form(const TrigonometricTables& tables, const GeneralArm& arm, const LoopForm& form, const double* G,
+                FormResult& result) {
+  Equations equations;
+  eliminate_outer_joints(form, G, equations);
+  RootFinder roots(tables, form, equations);
+  roots.run();
+  result.flags = roots.flags, result.tail = roots.tail, result.count = 0;
+  result.work = 5 + roots.work;
+  if (roots.count == 0) return;
+  Starts starts;
+  result.flags |= find_null_vectors(equations, roots.candidates, roots.count, starts);
+  result.work += 6 * ((roots.count + 7) / 8);
+  bool found[RootFinder::most_candidates] = {};
+  for (std::size_t first = 0; first < starts.count; first += lanes) {
+    Vec row[Starts::width];
+    read_rows<Starts::width>(starts.rows + first * Starts::width, row);
+    const std::size_t some = starts.count - first < lanes ? starts.count - first : lanes;
+    const IntVec valid = first_lanes(some);
+    for (auto& number : row) number = select(valid, number, splat(0.5));
+    Joints q;
+    back_substitute(form, equations, row, q);
+    const Joints start = q;
+    Vec residual;
+    std::size_t steps = newton(arm, G, valid, q, residual, newton_steps);
+    const IntVec failed = valid & none(residual < acceptable);
+    if (any(failed)) {
+      Joints again = start;
+      Vec left;
+      steps += 2 * damped(arm, G, failed, again, left, damped_steps);
+      steps += newton(arm, G, failed, again, left, 4);
+      keep_better(again, left, q, residual);
+    }
+    store_joints(q, residual, result, first);
+    result.work += 4 + 2 * steps;
+    for (std::size_t l = 0; l < some; ++l)
+      if (lane(residual, l) < acceptable) found[starts.candidate[first + l]] = true;
+  }
+  for (std::size_t i = 0; i < roots.count; ++i)
+    if (roots.candidates[i].simple && !found[i]) result.flags |= pieper::flag_lost;
+  compact(result, starts.count);
+}
+
+// Damped steps and then Newton's, on the joints that `result` holds.
+void refine(const GeneralArm& arm, const double* G, int some_damped, int some_newton, FormResult& result) {
+  for (std::size_t first = 0; first < result.count; first += lanes) {
+    const std::size_t some = result.count - first < lanes ? result.count - first : lanes;
+    const IntVec valid = first_lanes(some);
+    Joints q;
+    load_joints(result, first, q);
+    for (int i = 0; i < 6; ++i) q.c[i] = select(valid, q.c[i], splat(1.0)), q.s[i] = select(valid, q.s[i], splat(0.0));
+    Vec residual;
+    damped(arm, G, valid, q, residual, some_damped);
+    newton(arm, G, valid, q, residual, some_newton);
+    store_joints(q, residual, result, first);
+  }
+  compact(result, result.count);
+}
+
+// |c_k| of the determinant of one form at one target, divided by the largest sample; `most` harmonics in t, from 24 samples.
+bool spectrum(const TrigonometricTables& tables, const LoopForm& form, const double* G, double* size) {
+  Equations equations;
+  eliminate_outer_joints(form, G, equations);
+  double f[24], largest = 0;
+  for (std::size_t k = 0; k < 24; k += lanes) {
+    const Vec value = determinant(equations.S, load(tables.sample_cosine[2][0] + k), load(tables.sample_sine[2][0] + k));
+    store(f + k, value);
+  }
+  for (double value : f) largest = std::fabs(value) > largest ? std::fabs(value) : largest;
+  if (!(largest > 1e-290) || !(largest < 1e290)) return false;
+  double x[24] = {};
+  for (int j = 0; j < 24; ++j)
+    for (int k = 0; k < 24; ++k) x[k] += f[j] / largest * tables.dft[2][j][k];
+  size[0] = std::fabs(x[0]);
+  for (int k = 1; k <= 12; ++k) {
+    const double b = k < 12 ? x[12 + k] : 0;
+    size[k] = std::sqrt(x[k] * x[k] + b * b);
+  }
+  return true;
+}
+
+}  // namespace
+
+#define PIEPER_JOIN_(a, b) a##b
+#define PIEPER_JOIN(a, b) PIEPER_JOIN_(a, b)
+
+namespace pieper {
+extern const GeneralKernels PIEPER_JOIN(general_kernels_, PIEPER_ISA);
+const GeneralKernels PIEPER_JOIN(general_kernels_, PIEPER_ISA){solve_form, refine, spectrum};
+}  // namespace pieper
