@@ -290,6 +290,7 @@ struct General6R::Set {
 };
 
 constexpr double same_solution = 1e-6;         // rad
+constexpr double always_doubtful = 0.2;        // share of hard flags of a form that says nothing by them
 constexpr double same_after_resort = 1e-5;     // rad, for solutions that were continued to a singular target
 
 bool General6R::fits(const Chain& chain) {
@@ -468,10 +469,17 @@ void General6R::measure_support() {
   }
 }
 
-void General6R::run_form(int form, const double* G, Scratch& scratch, Set& set, unsigned& flags) const {
+bool General6R::run_form(int form, const double* G, Scratch& scratch, Set& set, unsigned& flags) const {
   kernels().general->solve_form(tables(), arm_, arm_.forms[form], G, scratch.form);
-  set.add_all(scratch.form, same_solution);
   flags = scratch.form.flags;
+  const std::size_t before = set.count;
+  set.add_all(scratch.form, same_solution);
+  if (!(flags & flag_hard)) return !(set.count == 0 && (flags & flag_some_requests));
+  // a form whose roots always coincide (spherical wrists) has doubts at every pose: what counts is that it agrees
+  if (before == 0 || set.count != before || reports_[form].flagged < always_doubtful) return false;
+  Set own;
+  own.add_all(scratch.form, same_solution);
+  return own.count == before;
 }
 
 // Tries all forms on random poses. The union of what they find is the reference; the best single form comes first, then
@@ -584,6 +592,7 @@ void General6R::last_resort(const double* G, Scratch& scratch, Set& set) const {
     const Motion displaced = small_motion(twist) * target;
     std::size_t added = 0;
     for (int form : order_) {
+      if (form != order_[0] && set.count > 0 && reports_[form].flagged >= always_doubtful) continue;
       kernels().general->solve_form(tables(), arm_, arm_.forms[form], displaced.data(), scratch.form);
       const unsigned flags = scratch.form.flags;
       kernels().general->refine(arm_, G, damped_steps, newton_steps, scratch.form);
@@ -615,22 +624,21 @@ void General6R::solve_one(const double* target, GeneralMode mode, int only_form,
     out.flags[k] = static_cast<int>(flags);
     return write(target, set, out, k);
   }
-  run_form(order_[0], G, scratch, set, flags);
+  bool trusted = run_form(order_[0], G, scratch, set, flags);
   out.flags[k] = static_cast<int>(flags);
-  bool doubtful = (flags & flag_hard) != 0;
-  const bool again = doubtful || mode == GeneralMode::complete ||
+  const bool shared = (flags & flag_third) != 0;  // not to be settled by a form that always has doubts
+  const bool again = !trusted || mode == GeneralMode::complete ||
                      (mode == GeneralMode::checked && (flags & (flag_request | flag_twins)) != 0);
   if (again && order_.size() > 1) {
-    run_form(order_[1], G, scratch, set, flags);
+    const bool second = run_form(order_[1], G, scratch, set, flags);
     out.flags[k] |= solve_second_form;
-    doubtful = doubtful && (flags & flag_hard) != 0;
-    if (doubtful && order_.size() > 2) {
-      run_form(order_[2], G, scratch, set, flags);
+    trusted = trusted || (second && !(shared && (flags & flag_hard)));
+    if (!trusted && order_.size() > 2) {
+      trusted = run_form(order_[2], G, scratch, set, flags) && !(shared && (flags & flag_hard));
       out.flags[k] |= solve_third_form;
-      doubtful = (flags & flag_hard) != 0;
     }
   }
-  if (doubtful) {
+  if (!trusted) {
     out.flags[k] |= solve_doubtful | solve_last_resort;
     last_resort(G, scratch, set);
   }

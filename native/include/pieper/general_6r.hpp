@@ -27,11 +27,12 @@ enum FormFlag : unsigned {
   flag_lost = 4,            // a simple root led to no solution
   flag_overflow = 8,        // a list was full
   flag_unclean = 16,        // a simple root where the matrix is regular
-  flag_third = 32,          // three or more solutions at one angle
+  flag_third = 32,          // three or more solutions at one angle, of which four were not found
   flag_many_requests = 64,  // much of the circle was sampled again
   flag_hard = 127,
   flag_request = 128,       // some of the circle was sampled again
   flag_twins = 256,         // two solutions at one angle
+  flag_some_requests = 512, // a good part of the circle was sampled again; hard where nothing is found
 };
 
 // Rz(angle) Trans(x, y, z) Rx(twist) from one joint frame to the next, lengths divided by the scale of the arm.
@@ -147,7 +148,8 @@ class General6R {
   void measure_support();
   void choose_forms();
   void normalise_target(const double* target, double* G) const;
-  void run_form(int form, const double* G, Scratch&, Set&, unsigned& flags) const;
+  // Adds what a form finds; true when that can be trusted to be all.
+  bool run_form(int form, const double* G, Scratch&, Set&, unsigned& flags) const;
   void solve_one(const double* target, GeneralMode, int only_form, Scratch&, const GeneralResults&, std::size_t k) const;
   void last_resort(const double* G, Scratch&, Set&) const;
   void write(const double* target, const Set&, const GeneralResults&, std::size_t k) const;

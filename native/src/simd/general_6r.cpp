@@ -10,6 +10,8 @@ using pieper::FormResult;
 
 constexpr int newton_steps = 8;
 constexpr int damped_steps = 25;
+// Third singular value, to the largest, below which solutions nearby do not explain it.
+constexpr double exactly_shared = 1e-8;
 
 void load_joints(const FormResult& result, std::size_t first, Joints& q) {
   for (int i = 0; i < 6; ++i) q.c[i] = load(result.cosine[i] + first), q.s[i] = load(result.sine[i] + first);
@@ -31,6 +33,28 @@ void compact(FormResult& result, std::size_t count) {
   }
 }
 
+// Distinct solutions whose joint `i` is near an angle; counted up to four. Between two double roots that are some hundredths
+// of a radian apart the matrix has nearly as many null vectors as at one fourfold root.
+int solutions_near(const FormResult& result, int i, double angle) {
+  constexpr double near = 0.1, distinct = 1e-5;
+  const double c = std::cos(angle), s = std::sin(angle);
+  std::size_t found[4];
+  int count = 0;
+  for (std::size_t k = 0; k < result.count && count < 4; ++k) {
+    if (std::fabs(result.cosine[i][k] - c) > near || std::fabs(result.sine[i][k] - s) > near) continue;
+    bool known = false;
+    for (int f = 0; f < count && !known; ++f) {
+      double apart = 0;
+      for (int j = 0; j < 6; ++j)
+        apart += std::fabs(result.cosine[j][k] - result.cosine[j][found[f]]) +
+                 std::fabs(result.sine[j][k] - result.sine[j][found[f]]);
+      known = apart < distinct;
+    }
+    if (!known) found[count++] = k;
+  }
+  return count;
+}
+
 void solve_form(const TrigonometricTables& tables, const GeneralArm& arm, const LoopForm& form, const double* G,
                 FormResult& result) {
   Equations equations;
@@ -41,8 +65,9 @@ void solve_form(const TrigonometricTables& tables, const GeneralArm& arm, const 
   result.work = 5 + roots.work;
   if (roots.count == 0) return;
   Starts starts;
-  result.flags |= find_null_vectors(equations, roots.candidates, roots.count, starts);
-  result.work += 6 * ((roots.count + 7) / 8);
+  Shared shared;
+  result.flags |= find_null_vectors(equations, roots.candidates, roots.count, starts, shared);
+  result.work += 6 * ((starts.count + 7) / 8);
   bool found[RootFinder::most_candidates] = {};
   for (std::size_t first = 0; first < starts.count; first += lanes) {
     Vec row[Starts::width];
@@ -69,8 +94,12 @@ void solve_form(const TrigonometricTables& tables, const GeneralArm& arm, const 
       if (lane(residual, l) < acceptable) found[starts.candidate[first + l]] = true;
   }
   for (std::size_t i = 0; i < roots.count; ++i)
-    if (roots.candidates[i].simple && !found[i]) result.flags |= pieper::flag_lost;
+    if (roots.candidates[i].simple && !found[shared.same_as[i]]) result.flags |= pieper::flag_lost;
   compact(result, starts.count);
+  const int remaining = form.reversed ? 5 - (2 + form.shift) % 6 : (2 + form.shift) % 6;
+  for (std::size_t i = 0; i < roots.count; ++i)
+    if (shared.third[i] && (shared.third_size[i] < exactly_shared || solutions_near(result, remaining, form.reversed ? -roots.candidates[i].angle : roots.candidates[i].angle) < 4))
+      result.flags |= pieper::flag_third;
 }
 
 // Damped steps and then Newton's, on the joints that `result` holds.

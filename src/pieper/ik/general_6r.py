@@ -60,13 +60,15 @@ class Flag(IntFlag):
     unclean = 16
     """A simple root where the matrix is regular."""
     third = 32
-    """Three or more solutions at one angle."""
+    """Three or more solutions at one angle, of which fewer than four were found."""
     many_requests = 64
     """Much of the circle was sampled again."""
     request = 128
     """Some of the circle was sampled again."""
     twins = 256
     """Two solutions at one angle."""
+    some_requests = 512
+    """A good part of the circle was sampled again; where nothing was found, that made another form run."""
     second_form = 1024
     third_form = 2048
     last_resort = 4096

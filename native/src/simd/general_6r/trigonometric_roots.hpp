@@ -14,6 +14,7 @@ struct Candidate {
   double angle;    // t
   bool simple;     // a sign change
   bool resampled;  // found on fresh samples
+  double error;    // how far off it may be [rad]; of simple ones
 };
 
 class RootFinder {
@@ -37,7 +38,8 @@ class RootFinder {
       split_items();
       close_brackets();
     }
-    if (resampled_ > 10) flags |= pieper::flag_many_requests;
+    if (resampled_ > some_resampled) flags |= pieper::flag_some_requests;
+    if (resampled_ > many_resampled) flags |= pieper::flag_many_requests;
     std::size_t simple = 0;
     for (std::size_t i = 0; i < count; ++i) simple += candidates[i].simple;
     if (!(flags & pieper::flag_request) && simple % 2) flags |= pieper::flag_parity;
@@ -57,6 +59,7 @@ class RootFinder {
   enum { centre_at = 12, half_at = 13, noise_at = 14 };
   static constexpr std::size_t item_capacity = 320, bracket_capacity = 96, request_capacity = 64;
   static constexpr std::size_t requests_per_round = 32;
+  static constexpr std::size_t some_resampled = 10, many_resampled = 24;  // intervals
   static constexpr double same_root = 1e-5;         // rad: closer roots of f' and f count as one
   static constexpr double least_request = 5e-4;     // rad
   static constexpr double least_half_width = 1e-9;  // rad
@@ -301,18 +304,18 @@ class RootFinder {
         if (lane(uncertain, l) > same_root && round_ < last_round)
           request(at, larger_of(20 * lane(uncertain, l), least_request));
         else
-          emit(at, true);
+          emit(at, true, lane(uncertain, l));
       }
     }
     bracket_count_ = 0;
   }
 
-  void emit(double tau, bool simple) {
+  void emit(double tau, bool simple, double error = 0) {
     if (count == most_candidates) {
       flags |= pieper::flag_overflow;
       return;
     }
-    candidates[count++] = {form_.even ? 0.5 * tau : tau, simple, round_ > 0};
+    candidates[count++] = {form_.even ? 0.5 * tau : tau, simple, round_ > 0, error};
   }
 
   void request(double centre, double half) {
@@ -378,7 +381,6 @@ class RootFinder {
         store(f + k, determinant(S_, c, s));
       }
       work += 10;
-      ++resampled_;
       for (double value : f) largest = larger_of(largest, std::fabs(value));
       if (!(largest > 1e-300)) {
         emit(now[i].centre, false);
@@ -398,6 +400,7 @@ class RootFinder {
         request(now[i].centre - half, half), request(now[i].centre + half, half);
         continue;
       }
+      ++resampled_;
       item[centre_at] = now[i].centre, item[half_at] = now[i].half;
       item[noise_at] = larger_of(1e-13, 4 * local_tail), item[15] = 0;
       if (item_count_ == item_capacity) {
