@@ -52,7 +52,8 @@ void bind_general_6r(nb::module_& module) {
             if (threads == 0) not_plain("a number");
             if (!all_poses(T.data(), T.count())) not_plain("targets");
             const Output q(T.leading(), {most_solutions, 6}, nb::none()),
-                position(T.leading(), {most_solutions}, nb::none()), rotation(T.leading(), {most_solutions}, nb::none());
+                position(T.leading(), {most_solutions}, nb::none()),
+                rotation(T.leading(), {most_solutions}, nb::none());
             const NewArray<bool> valid(T.leading(), {most_solutions}, "?");
             const NewArray<int> flags(T.leading(), {}, "i");
             {
@@ -72,7 +73,8 @@ void bind_general_6r(nb::module_& module) {
             if (form < 0 || form >= form_count) throw nb::index_error("form");
             if (!all_poses(T.data(), T.count())) not_plain("targets");
             const Output q(T.leading(), {most_solutions, 6}, nb::none()),
-                position(T.leading(), {most_solutions}, nb::none()), rotation(T.leading(), {most_solutions}, nb::none());
+                position(T.leading(), {most_solutions}, nb::none()),
+                rotation(T.leading(), {most_solutions}, nb::none());
             const NewArray<bool> valid(T.leading(), {most_solutions}, "?");
             const NewArray<int> flags(T.leading(), {}, "i");
             self.solve_one_form(form, T.data(), T.count(), results_in(q, position, rotation, valid, flags));

@@ -251,8 +251,7 @@ struct General6R::Set {
     for (std::size_t j = 0; j < count; ++j) {
       const double distance = std::max(least_distance, 10 * std::sqrt(std::max(from.residual[k], residual[j])));
       double apart = 0;
-      for (int i = 0; i < 6; ++i)
-        apart = std::max({apart, std::abs(cosine[i] - c[j][i]), std::abs(sine[i] - s[j][i])});
+      for (int i = 0; i < 6; ++i) apart = std::max({apart, std::abs(cosine[i] - c[j][i]), std::abs(sine[i] - s[j][i])});
       if (apart > distance) continue;
       if (from.residual[k] < residual[j]) set(j, cosine, sine, from.residual[k]);
       return false;
@@ -289,9 +288,9 @@ struct General6R::Set {
   }
 };
 
-constexpr double same_solution = 1e-6;         // rad
-constexpr double always_doubtful = 0.2;        // share of hard flags of a form that says nothing by them
-constexpr double same_after_resort = 1e-5;     // rad, for solutions that were continued to a singular target
+constexpr double same_solution = 1e-6;      // rad
+constexpr double always_doubtful = 0.2;     // share of hard flags of a form that says nothing by them
+constexpr double same_after_resort = 1e-5;  // rad, for solutions that were continued to a singular target
 
 bool General6R::fits(const Chain& chain) {
   if (chain.coupled() || chain.axes() != 6) return false;
@@ -534,7 +533,8 @@ void General6R::choose_forms() {
   }
   const auto share = [&](const std::vector<std::array<bool, Set::capacity>>& hits) {
     std::size_t found = 0;
-    for (std::size_t p = 0; p < hits.size(); ++p) found += std::count(hits[p].begin(), hits[p].begin() + counts[p], true);
+    for (std::size_t p = 0; p < hits.size(); ++p)
+      found += std::count(hits[p].begin(), hits[p].begin() + counts[p], true);
     return known ? static_cast<double>(found) / static_cast<double>(known) : 0.0;
   };
   double score[form_count];
@@ -545,7 +545,8 @@ void General6R::choose_forms() {
     report.harmonics = arm_.forms[f].harmonics, report.even = arm_.forms[f].even;
     report.median_tail = median(trial.tails), report.median_work = median(trial.works);
     report.found = trial.dropped ? 0 : share(trial.hits);
-    report.flagged = static_cast<double>(trial.flagged) / static_cast<double>(std::max<std::size_t>(trial.tails.size(), 1));
+    report.flagged =
+        static_cast<double>(trial.flagged) / static_cast<double>(std::max<std::size_t>(trial.tails.size(), 1));
     report.rank = -1;
     score[f] = report.found - per_work * report.median_work - per_flag * report.flagged;
     reports_.push_back(report);
@@ -553,10 +554,13 @@ void General6R::choose_forms() {
   const auto usable = [&](int f) {
     return !trials[f].dropped && reports_[f].median_tail <= worst_tail && reports_[f].found >= least_found;
   };
-  const int best = static_cast<int>(std::max_element(score, score + form_count, [&](const double& a, const double& b) {
-    const bool ua = usable(static_cast<int>(&a - score)), ub = usable(static_cast<int>(&b - score));
-    return ua != ub ? ub : a < b;
-  }) - score);
+  const int best = static_cast<int>(std::max_element(score, score + form_count,
+                                                     [&](const double& a, const double& b) {
+                                                       const bool ua = usable(static_cast<int>(&a - score)),
+                                                                  ub = usable(static_cast<int>(&b - score));
+                                                       return ua != ub ? ub : a < b;
+                                                     }) -
+                                    score);
   order_ = {best};
   std::vector<std::array<bool, Set::capacity>> covered = trials[best].hits;
   while (order_.size() < 3) {

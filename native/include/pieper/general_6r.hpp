@@ -30,9 +30,9 @@ enum FormFlag : unsigned {
   flag_third = 32,          // three or more solutions at one angle, of which four were not found
   flag_many_requests = 64,  // much of the circle was sampled again
   flag_hard = 127,
-  flag_request = 128,       // some of the circle was sampled again
-  flag_twins = 256,         // two solutions at one angle
-  flag_some_requests = 512, // a good part of the circle was sampled again; hard where nothing is found
+  flag_request = 128,        // some of the circle was sampled again
+  flag_twins = 256,          // two solutions at one angle
+  flag_some_requests = 512,  // a good part of the circle was sampled again; hard where nothing is found
 };
 
 // Rz(angle) Trans(x, y, z) Rx(twist) from one joint frame to the next, lengths divided by the scale of the arm.
@@ -67,12 +67,12 @@ struct TrigonometricTables {
   alignas(64) double dft[3][24][24];           // 8, 16, 24 samples: [sample][coefficient]
   alignas(64) double sample_cosine[3][2][24];  // at t = tau, t = tau / 2
   alignas(64) double sample_sine[3][2][24];
-  alignas(64) double cell_cosine[8][8][64];    // [K - 1][k - 1][cell]
+  alignas(64) double cell_cosine[8][8][64];  // [K - 1][k - 1][cell]
   alignas(64) double cell_sine[8][8][64];
   alignas(64) double cell_centre[8][64];
-  double powers[8][12][8];                     // [K - 1][j][k - 1]: (k r)^j / j!
-  alignas(64) double local_points[16];         // Chebyshev
-  alignas(64) double local_fit[16][16];        // [sample][0..11 monomials, 12..15 Chebyshev tail]
+  double powers[8][12][8];               // [K - 1][j][k - 1]: (k r)^j / j!
+  alignas(64) double local_points[16];   // Chebyshev
+  alignas(64) double local_fit[16][16];  // [sample][0..11 monomials, 12..15 Chebyshev tail]
 };
 
 // Solutions of one form: cosines and sines of the joint angles in the frames of GeneralArm.
@@ -82,8 +82,8 @@ struct FormResult {
   alignas(64) double residual[most_starts];
   std::size_t count = 0;
   unsigned flags = 0;
-  double tail = 0;        // noise of the determinant, of its largest sample
-  std::size_t work = 0;   // counted steps, in units of about a tenth of a microsecond: the same on every machine
+  double tail = 0;       // noise of the determinant, of its largest sample
+  std::size_t work = 0;  // counted steps, in units of about a tenth of a microsecond: the same on every machine
 };
 
 // The parts that exist once per instruction set; Kernels points to them.
@@ -119,10 +119,10 @@ struct FormReport {
   int harmonics;
   bool even;
   double median_tail;
-  double found;         // share of all known solutions over the probe poses
-  double flagged;       // share of the probe poses with a hard flag
+  double found;    // share of all known solutions over the probe poses
+  double flagged;  // share of the probe poses with a hard flag
   double median_work;
-  int rank;             // 0 for the first choice, -1 for those that are not used
+  int rank;  // 0 for the first choice, -1 for those that are not used
 };
 
 class General6R {
@@ -150,7 +150,8 @@ class General6R {
   void normalise_target(const double* target, double* G) const;
   // Adds what a form finds; true when that can be trusted to be all.
   bool run_form(int form, const double* G, Scratch&, Set&, unsigned& flags) const;
-  void solve_one(const double* target, GeneralMode, int only_form, Scratch&, const GeneralResults&, std::size_t k) const;
+  void solve_one(const double* target, GeneralMode, int only_form, Scratch&, const GeneralResults&,
+                 std::size_t k) const;
   void last_resort(const double* G, Scratch&, Set&) const;
   void write(const double* target, const Set&, const GeneralResults&, std::size_t k) const;
 
@@ -158,8 +159,8 @@ class General6R {
   GeneralArm arm_;
   double scale_ = 1;
   double base_inverse_[12], tip_inverse_[12];  // G = base_inverse T tip_inverse, before scaling
-  double offset_[6];  // joint angle in the frames of arm_ = q + offset
-  std::vector<int> order_;  // forms in the order of their use
+  double offset_[6];                           // joint angle in the frames of arm_ = q + offset
+  std::vector<int> order_;                     // forms in the order of their use
   std::vector<FormReport> reports_;
 };
 

@@ -98,7 +98,9 @@ void solve_form(const TrigonometricTables& tables, const GeneralArm& arm, const 
   compact(result, starts.count);
   const int remaining = form.reversed ? 5 - (2 + form.shift) % 6 : (2 + form.shift) % 6;
   for (std::size_t i = 0; i < roots.count; ++i)
-    if (shared.third[i] && (shared.third_size[i] < exactly_shared || solutions_near(result, remaining, form.reversed ? -roots.candidates[i].angle : roots.candidates[i].angle) < 4))
+    if (shared.third[i] &&
+        (shared.third_size[i] < exactly_shared ||
+         solutions_near(result, remaining, form.reversed ? -roots.candidates[i].angle : roots.candidates[i].angle) < 4))
       result.flags |= pieper::flag_third;
 }
 
@@ -124,7 +126,8 @@ bool spectrum(const TrigonometricTables& tables, const LoopForm& form, const dou
   eliminate_outer_joints(form, G, equations);
   double f[24], largest = 0;
   for (std::size_t k = 0; k < 24; k += lanes) {
-    const Vec value = determinant(equations.S, load(tables.sample_cosine[2][0] + k), load(tables.sample_sine[2][0] + k));
+    const Vec value =
+        determinant(equations.S, load(tables.sample_cosine[2][0] + k), load(tables.sample_sine[2][0] + k));
     store(f + k, value);
   }
   for (double value : f) largest = std::fabs(value) > largest ? std::fabs(value) : largest;

@@ -221,8 +221,14 @@ bool all_within(const double* numbers, std::size_t count, double limit) {
 namespace pieper {
 extern const GeneralKernels PIEPER_JOIN(general_kernels_, PIEPER_ISA);
 extern const Kernels PIEPER_JOIN(kernels_, PIEPER_ISA);
-const Kernels PIEPER_JOIN(kernels_, PIEPER_ISA){
-    PIEPER_TEXT(PIEPER_ISA), lanes,     poses,      jacobians,           manipulabilities,
-    pose_and_jacobian,       sincos_of, all_within, solve_numeric_target,
-    &PIEPER_JOIN(general_kernels_, PIEPER_ISA)};
+const Kernels PIEPER_JOIN(kernels_, PIEPER_ISA){PIEPER_TEXT(PIEPER_ISA),
+                                                lanes,
+                                                poses,
+                                                jacobians,
+                                                manipulabilities,
+                                                pose_and_jacobian,
+                                                sincos_of,
+                                                all_within,
+                                                solve_numeric_target,
+                                                &PIEPER_JOIN(general_kernels_, PIEPER_ISA)};
 }  // namespace pieper

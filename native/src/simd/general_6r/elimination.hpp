@@ -53,7 +53,8 @@ inline double dot6(const double* a, const double* b) {
 
 // `G` is the pose that the arm has to take in its own frames (3x4).
 inline void eliminate_outer_joints(const LoopForm& form, const double* G, Equations& out) {
-  copy_motion(form.K1_inverse, out.K1_inverse), copy_motion(form.K2, out.K2), copy_motion(form.K6_inverse, out.K6_inverse);
+  copy_motion(form.K1_inverse, out.K1_inverse), copy_motion(form.K2, out.K2),
+      copy_motion(form.K6_inverse, out.K6_inverse);
   double G_inverse[12];
   invert_motion(G, G_inverse);
   // forwards the loop ends with X = G^-1, backwards with its inverse
@@ -68,8 +69,7 @@ inline void eliminate_outer_joints(const LoopForm& form, const double* G, Equati
   for (int k = 0; k < 3; ++k) move_line(out.K1_inverse, turned[k], f[k]);
 
   double A[2][6];
-  for (int k = 0; k < 6; ++k)
-    out.z0[k] = f[0][z_places[k]], A[0][k] = f[1][z_places[k]], A[1][k] = f[2][z_places[k]];
+  for (int k = 0; k < 6; ++k) out.z0[k] = f[0][z_places[k]], A[0][k] = f[1][z_places[k]], A[1][k] = f[2][z_places[k]];
   for (int j = 0; j < 3; ++j)
     for (int k = 0; k < 4; ++k)
       out.pairs[j][k][0] = f[j][pair_places[k]], out.pairs[j][k][1] = f[j][pair_places[k] + 1];

@@ -31,9 +31,7 @@ inline Vec larger(Vec a, Vec b) { return select(a > b, a, b); }
 inline Vec smaller(Vec a, Vec b) { return select(a < b, a, b); }
 
 // |size| with the sign of `sign`
-inline Vec with_sign(Vec size, Vec sign) {
-  return from_bits((bits(size) & INT64_MAX) | (bits(sign) & INT64_MIN));
-}
+inline Vec with_sign(Vec size, Vec sign) { return from_bits((bits(size) & INT64_MAX) | (bits(sign) & INT64_MIN)); }
 
 inline IntVec none(IntVec mask) {
 #if PIEPER_LANES > 1
@@ -79,7 +77,8 @@ PIEPER_INLINE void read_rows(const double* from, Vec* numbers) {
 
 // Appends the records of the chosen lanes to a list of `count` records; false when it is full.
 template <std::size_t width>
-PIEPER_INLINE bool append_rows(const Vec* numbers, IntVec chosen, double* list, std::size_t& count, std::size_t capacity) {
+PIEPER_INLINE bool append_rows(const Vec* numbers, IntVec chosen, double* list, std::size_t& count,
+                               std::size_t capacity) {
   const unsigned which = lane_bits(chosen);
   if (!which) return true;
   alignas(64) double rows[lanes * width];

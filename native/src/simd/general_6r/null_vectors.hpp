@@ -26,11 +26,12 @@ struct Starts {
   }
 };
 
-constexpr double twin_ratio = 1e-4;   // second singular value to the largest: two solutions at one angle
-constexpr double exact_ratio = 1e-8;  // second singular value: exactly two
-constexpr double third_ratio = 1e-5;  // third singular value: more than two
+constexpr double twin_ratio = 1e-4;       // second singular value to the largest: two solutions at one angle
+constexpr double exact_ratio = 1e-8;      // second singular value: exactly two
+constexpr double third_ratio = 1e-5;      // third singular value: more than two
 constexpr double same_direction = 1e-10;  // squared sine: both null vectors have the same b
-constexpr double clean_ratio = 1e-6;  // first singular value at a simple root, and how fast it may grow beside one [1/rad]
+constexpr double clean_ratio =
+    1e-6;  // first singular value at a simple root, and how fast it may grow beside one [1/rad]
 constexpr double clean_growth = 30;
 
 PIEPER_INLINE Vec dot6(const Vec* a, const Vec* b) {

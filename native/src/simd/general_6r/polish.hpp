@@ -7,9 +7,9 @@ namespace {
 
 using pieper::GeneralArm;
 
-constexpr double polished = 1e-13;     // residual [rad, lengths of the scaled arm] at which a lane is done
-constexpr double acceptable = 1e-10;   // at which it counts as a solution
-constexpr double longest_step = 0.3;   // rad
+constexpr double polished = 1e-13;    // residual [rad, lengths of the scaled arm] at which a lane is done
+constexpr double acceptable = 1e-10;  // at which it counts as a solution
+constexpr double longest_step = 0.3;  // rad
 
 // Residual of the loop at the joints: position and rotation (first order), and by `J` its columns z x (p - o), z.
 struct Loop {

@@ -60,9 +60,9 @@ class RootFinder {
   static constexpr std::size_t item_capacity = 320, bracket_capacity = 96, request_capacity = 64;
   static constexpr std::size_t requests_per_round = 32;
   static constexpr std::size_t some_resampled = 10, many_resampled = 24;  // intervals
-  static constexpr double same_root = 1e-5;         // rad: closer roots of f' and f count as one
-  static constexpr double least_request = 5e-4;     // rad
-  static constexpr double least_half_width = 1e-9;  // rad
+  static constexpr double same_root = 1e-5;                               // rad: closer roots of f' and f count as one
+  static constexpr double least_request = 5e-4;                           // rad
+  static constexpr double least_half_width = 1e-9;                        // rad
 
   struct Request {
     double centre, half;
@@ -74,7 +74,8 @@ class RootFinder {
     alignas(64) double f[24];
     double largest = 0;
     for (int k = 0; k < n; k += static_cast<int>(lanes)) {
-      const Vec c = load(tables_.sample_cosine[table][form_.even] + k), s = load(tables_.sample_sine[table][form_.even] + k);
+      const Vec c = load(tables_.sample_cosine[table][form_.even] + k),
+                s = load(tables_.sample_sine[table][form_.even] + k);
       store(f + k, determinant(S_, c, s));
     }
     work += static_cast<std::size_t>(n) / 2;
@@ -157,7 +158,8 @@ class RootFinder {
 
   PIEPER_INLINE static void slope_and_curvature(const Vec* a, Vec x, Vec& slope, Vec& curvature) {
     slope = splat(0.0), curvature = splat(0.0);
-    for (int j = degree; j >= 1; --j) curvature = curvature * x + slope, slope = slope * x + static_cast<double>(j) * a[j];
+    for (int j = degree; j >= 1; --j)
+      curvature = curvature * x + slope, slope = slope * x + static_cast<double>(j) * a[j];
   }
 
   // Works the list off: every interval is dropped, closed in on, asked for again, or halved.
@@ -231,7 +233,8 @@ class RootFinder {
     if (chosen) {
       for (std::size_t l = 0, k = bracket_count_; l < lanes && k < bracket_capacity; ++l)
         if (chosen >> l & 1) bracket_lo_[k] = lane(lo, l), bracket_hi_[k] = lane(hi, l), ++k;
-      if (!append_rows<item_size>(a, crossed, brackets_, bracket_count_, bracket_capacity)) flags |= pieper::flag_overflow;
+      if (!append_rows<item_size>(a, crossed, brackets_, bracket_count_, bracket_capacity))
+        flags |= pieper::flag_overflow;
     }
     const IntVec lo_touches = magnitude(f_lo) < 2.0 * a[noise_at], hi_touches = magnitude(f_hi) < 2.0 * a[noise_at];
     const unsigned touching = lane_bits(which & none(crossed) & (lo_touches | hi_touches));
