@@ -45,7 +45,7 @@ inline double reflector(const double* x, int first, double* v, double& factor) {
   return alpha;
 }
 
-inline double dot6(const double* a, const double* b) {
+inline double dot_six(const double* a, const double* b) {
   double sum = 0;
   for (int i = 0; i < 6; ++i) sum += a[i] * b[i];
   return sum;
@@ -77,13 +77,13 @@ inline void eliminate_outer_joints(const LoopForm& form, const double* G, Equati
   // QR of [A0 A1]: rows of Q^T are rows of reflection 2 times reflection 1
   double v1[6], v2[6], factor1, factor2;
   const double r00 = reflector(A[0], 0, v1, factor1);
-  const double along = factor1 * dot6(v1, A[1]);
+  const double along = factor1 * dot_six(v1, A[1]);
   for (int i = 0; i < 6; ++i) A[1][i] -= along * v1[i];
   const double r01 = A[1][0], r11 = reflector(A[1], 1, v2, factor2);
   double rows[6][6];
   for (int r = 0; r < 6; ++r) {
     for (int i = 0; i < 6; ++i) rows[r][i] = (r == i ? 1.0 : 0.0) - factor2 * v2[r] * v2[i];
-    const double part = factor1 * dot6(rows[r], v1);
+    const double part = factor1 * dot_six(rows[r], v1);
     for (int i = 0; i < 6; ++i) rows[r][i] -= part * v1[i];
   }
   for (int i = 0; i < 6; ++i) {
@@ -118,7 +118,7 @@ inline void eliminate_outer_joints(const LoopForm& form, const double* G, Equati
   alignas(64) double n[line_size][8] = {};
   for (int r = 0; r < 4; ++r) {
     for (int k = 0; k < 6; ++k) n[z_places[k]][r] = rows[r + 2][k];
-    n[at_one][r] = -dot6(rows[r + 2], out.z0);
+    n[at_one][r] = -dot_six(rows[r + 2], out.z0);
   }
   for (int k = 0; k < 4; ++k) {
     n[pair_places[k]][4] = nu[k][0], n[pair_places[k] + 1][4] = -nu[k][1];
