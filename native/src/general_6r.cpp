@@ -473,7 +473,10 @@ bool General6R::run_form(int form, const double* G, Scratch& scratch, Set& set, 
   flags = scratch.form.flags;
   const std::size_t before = set.count;
   set.add_all(scratch.form, same_solution);
-  if (!(flags & flag_hard)) return !(set.count == 0 && (flags & flag_some_requests));
+  // solutions come in pairs, and simple roots have one each; two roots must not have led to the same
+  if (before == 0 && (set.count % 2 != 0 || set.count < scratch.form.simple_roots)) flags |= flag_lost;
+  if (!(flags & flag_hard)) 
+    return !(flags & flag_some_requests) || (set.count > 0 && !(flags & flag_near_twins));
   // a form whose roots always coincide (spherical wrists) has doubts at every pose: what counts is that it agrees
   if (before == 0 || set.count != before || reports_[form].flagged < always_doubtful) return false;
   Set own;

@@ -24,7 +24,7 @@ enum class GeneralMode : int { fast = 0, checked = 1, complete = 2 };
 enum FormFlag : unsigned {
   flag_noise = 1,           // harmonics that cannot be there are
   flag_parity = 2,          // an odd number of simple roots
-  flag_lost = 4,            // a simple root led to no solution
+  flag_lost = 4,            // a simple root led to no solution, or their number is odd
   flag_overflow = 8,        // a list was full
   flag_unclean = 16,        // a simple root where the matrix is regular
   flag_third = 32,          // three or more solutions at one angle, of which four were not found
@@ -32,7 +32,8 @@ enum FormFlag : unsigned {
   flag_hard = 127,
   flag_request = 128,        // some of the circle was sampled again
   flag_twins = 256,          // two solutions at one angle
-  flag_some_requests = 512,  // a good part of the circle was sampled again; hard where nothing is found
+  flag_some_requests = 512,  // a good part of the circle was sampled again; hard where that left something unclear
+  flag_near_twins = 1024,    // nearly two solutions at one angle
 };
 
 // Rz(angle) Trans(x, y, z) Rx(twist) from one joint frame to the next, lengths divided by the scale of the arm.
@@ -81,6 +82,7 @@ struct FormResult {
   alignas(64) double sine[6][most_starts];
   alignas(64) double residual[most_starts];
   std::size_t count = 0;
+  std::size_t simple_roots = 0;  // each has a solution of its own
   unsigned flags = 0;
   double tail = 0;       // noise of the determinant, of its largest sample
   std::size_t work = 0;  // counted steps, in units of about a tenth of a microsecond: the same on every machine
@@ -107,10 +109,10 @@ struct GeneralResults {
 
 // Bits above FormFlag in GeneralResults::flags.
 enum SolveFlag : int {
-  solve_second_form = 1 << 10,
-  solve_third_form = 1 << 11,
-  solve_last_resort = 1 << 12,
-  solve_doubtful = 1 << 13,  // every form raised a hard flag: a solution may be missing
+  solve_second_form = 1 << 12,
+  solve_third_form = 1 << 13,
+  solve_last_resort = 1 << 14,
+  solve_doubtful = 1 << 15,  // every form raised a hard flag: a solution may be missing
 };
 
 // What was measured about a form when the arm was prepared.

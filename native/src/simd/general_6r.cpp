@@ -61,7 +61,7 @@ void solve_form(const TrigonometricTables& tables, const GeneralArm& arm, const 
   eliminate_outer_joints(form, G, equations);
   RootFinder roots(tables, form, equations);
   roots.run();
-  result.flags = roots.flags, result.tail = roots.tail, result.count = 0;
+  result.flags = roots.flags, result.tail = roots.tail, result.count = 0, result.simple_roots = 0;
   result.work = 5 + roots.work;
   if (roots.count == 0) return;
   Starts starts;
@@ -93,8 +93,11 @@ void solve_form(const TrigonometricTables& tables, const GeneralArm& arm, const 
     for (std::size_t l = 0; l < some; ++l)
       if (lane(residual, l) < acceptable) found[starts.candidate[first + l]] = true;
   }
-  for (std::size_t i = 0; i < roots.count; ++i)
-    if (roots.candidates[i].simple && !found[shared.same_as[i]]) result.flags |= pieper::flag_lost;
+  for (std::size_t i = 0; i < roots.count; ++i) {
+    if (!roots.candidates[i].simple) continue;
+    if (!found[shared.same_as[i]]) result.flags |= pieper::flag_lost;
+    result.simple_roots += shared.same_as[i] == i;
+  }
   compact(result, starts.count);
   const int remaining = form.reversed ? 5 - (2 + form.shift) % 6 : (2 + form.shift) % 6;
   for (std::size_t i = 0; i < roots.count; ++i)

@@ -68,12 +68,14 @@ class Flag(IntFlag):
     twins = 256
     """Two solutions at one angle."""
     some_requests = 512
-    """A good part of the circle was sampled again; where nothing was found, that made another form run."""
-    second_form = 1024
-    third_form = 2048
-    last_resort = 4096
+    """A good part of the circle was sampled again; where nothing was found then, or `near_twins`, another form ran."""
+    near_twins = 1024
+    """Nearly two solutions at one angle."""
+    second_form = 4096
+    third_form = 8192
+    last_resort = 16384
     """Targets nearby were solved, and their solutions continued to this one."""
-    doubtful = 8192
+    doubtful = 32768
     """Every form had doubts: a solution may be missing, as at targets with continuous families of solutions."""
 
 

@@ -242,7 +242,7 @@ inline unsigned find_some_null_vectors(const Equations& equations, const Candida
       const double cl = lane(c, l), sl = lane(s, l);
       exact[number] = s2 < exact_ratio * top;
       if (s2 < twin_ratio * top) {
-        flags |= pieper::flag_twins;
+        flags |= pieper::flag_twins | (exact[number] ? 0u : unsigned{pieper::flag_near_twins});
         double split[2][6];
         split_null_space(equations.S, cl, sl, w[0], w[1], split);
         starts.add(cl, sl, split[0], number), starts.add(cl, sl, split[1], number);
