@@ -658,10 +658,12 @@ void General6R::write(const double* target, const Set& set, const GeneralResults
   constexpr double nan = std::numeric_limits<double>::quiet_NaN();
   double* q = out.q + k * most_solutions * 6;
   const std::size_t count = std::min(set.count, most_solutions);
+  double angles[most_solutions * 6 + 8];
+  kernels().general->angles(set.c[0], set.s[0], 6 * count, angles);
   std::array<double, 6> rows[most_solutions];
   for (std::size_t j = 0; j < count; ++j)
     for (int i = 0; i < 6; ++i) {
-      double angle = std::atan2(set.s[j][i], set.c[j][i]) - offset_[i];
+      double angle = angles[6 * j + i] - offset_[i];
       if (angle > pi) angle -= 2 * pi;
       if (angle <= -pi) angle += 2 * pi;
       rows[j][i] = angle;

@@ -94,6 +94,8 @@ struct GeneralKernels {
   void (*solve_form)(const TrigonometricTables&, const GeneralArm&, const LoopForm&, const double* G, FormResult&);
   // Iterates the joints in FormResult towards the target and keeps those that arrive.
   void (*refine)(const GeneralArm&, const double* G, int damped_steps, int newton_steps, FormResult&);
+  // Angles in [-pi, pi] of unit pairs; reads and writes up to seven numbers beyond `count`.
+  void (*angles)(const double* cosine, const double* sine, std::size_t count, double* out);
   // Sizes of the 13 harmonics of the determinant; false when it vanishes.
   bool (*spectrum)(const TrigonometricTables&, const LoopForm&, const double* G, double* size);
 };

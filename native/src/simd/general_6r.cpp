@@ -123,6 +123,23 @@ void refine(const GeneralArm& arm, const double* G, int some_damped, int some_ne
   compact(result, result.count);
 }
 
+// A rough arc tangent (Hastings, Approximations for Digital Computers, 1955, sheet 11), set right by its own sine and cosine.
+void angles(const double* cosine, const double* sine, std::size_t count, double* out) {
+  constexpr double quarter = 1.5707963267948966;
+  for (std::size_t k = 0; k < count; k += lanes) {
+    const Vec c = load(cosine + k), s = load(sine + k);
+    const Vec x = magnitude(c), y = magnitude(s);
+    const Vec r = smaller(x, y) / (larger(x, y) + 1e-300), z = r * r;
+    Vec t = r * (0.999866 + z * (-0.3302995 + z * (0.180141 + z * (-0.085133 + z * 0.0208351))));
+    t = select(y > x, quarter - t, t);
+    t = with_sign(select(c < 0.0, 2 * quarter - t, t), s);
+    Vec st, ct;
+    sincos_reduced(t, st, ct);
+    const Vec d = s * ct - c * st;
+    store(out + k, t + d * (1.0 + d * d * (1.0 / 6)));
+  }
+}
+
 // |c_k| of the determinant of one form at one target, divided by the largest sample; `most` harmonics in t, from 24 samples.
 bool spectrum(const TrigonometricTables& tables, const LoopForm& form, const double* G, double* size) {
   Equations equations;
@@ -153,5 +170,5 @@ bool spectrum(const TrigonometricTables& tables, const LoopForm& form, const dou
 
 namespace pieper {
 extern const GeneralKernels PIEPER_JOIN(general_kernels_, PIEPER_ISA);
-const GeneralKernels PIEPER_JOIN(general_kernels_, PIEPER_ISA){solve_form, refine, spectrum};
+const GeneralKernels PIEPER_JOIN(general_kernels_, PIEPER_ISA){solve_form, refine, angles, spectrum};
 }  // namespace pieper
