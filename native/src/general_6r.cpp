@@ -608,7 +608,9 @@ void General6R::last_resort(const double* G, Scratch& scratch, Set& set) const {
     }
     idle = added ? 0 : idle + 1;
   }
-  for (int batch = 0; batch < 4 && set.count == 0; ++batch) {
+  // where nothing was found, and where there is no second form to confirm what was
+  const int least_batches = order_.size() == 1 ? 2 : 0;
+  for (int batch = 0; batch < least_batches || (batch < 4 && set.count == 0); ++batch) {
     scratch.form.count = most_starts;
     for (std::size_t k = 0; k < most_starts; ++k)
       for (int i = 0; i < 6; ++i) {
