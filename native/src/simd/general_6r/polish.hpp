@@ -7,7 +7,7 @@ namespace {
 
 using pieper::GeneralArm;
 
-constexpr double polished = 1e-13;    // residual [rad, lengths of the scaled arm] at which a lane is done
+constexpr double polished = 4e-15;    // residual [rad, lengths of the scaled arm] at which a lane is done
 constexpr double acceptable = 1e-10;  // at which it counts as a solution
 constexpr double longest_step = 0.3;  // rad
 
