@@ -234,6 +234,10 @@ double least_singular_value(const GeneralArm& arm, const double* c, const double
 
 }  // namespace
 
+constexpr double same_solution = 1e-6;      // rad
+constexpr double always_doubtful = 0.2;     // share of hard flags of a form that says nothing by them
+constexpr double same_after_resort = 1e-5;  // rad, for solutions that were continued to a singular target
+
 struct General6R::Scratch {
   FormResult form;
 };
@@ -267,6 +271,16 @@ struct General6R::Set {
     return added;
   }
 
+  // Whether these joints are among them.
+  bool holds(const double* cosine, const double* sine) const {
+    for (std::size_t j = 0; j < count; ++j) {
+      double apart = 0;
+      for (int i = 0; i < 6; ++i) apart = std::max({apart, std::abs(cosine[i] - c[j][i]), std::abs(sine[i] - s[j][i])});
+      if (apart < same_after_resort) return true;
+    }
+    return false;
+  }
+
   // Isolated regular solutions are never more than 16; of a continuum the most regular ones are kept.
   void keep_most_regular(const GeneralArm& arm) {
     if (count <= most_solutions) return;
@@ -287,10 +301,6 @@ struct General6R::Set {
     residual[j] = left;
   }
 };
-
-constexpr double same_solution = 1e-6;      // rad
-constexpr double always_doubtful = 0.2;     // share of hard flags of a form that says nothing by them
-constexpr double same_after_resort = 1e-5;  // rad, for solutions that were continued to a singular target
 
 bool General6R::fits(const Chain& chain) {
   if (chain.coupled() || chain.axes() != 6) return false;
@@ -475,8 +485,7 @@ bool General6R::run_form(int form, const double* G, Scratch& scratch, Set& set, 
   set.add_all(scratch.form, same_solution);
   // solutions come in pairs, and simple roots have one each; two roots must not have led to the same
   if (before == 0 && (set.count % 2 != 0 || set.count < scratch.form.simple_roots)) flags |= flag_lost;
-  if (!(flags & flag_hard)) 
-    return !(flags & flag_some_requests) || (set.count > 0 && !(flags & flag_near_twins));
+  if (!(flags & flag_hard)) return !(flags & flag_some_requests) || (set.count > 0 && !(flags & flag_near_twins));
   // a form whose roots always coincide (spherical wrists) has doubts at every pose: what counts is that it agrees
   if (before == 0 || set.count != before || reports_[form].flagged < always_doubtful) return false;
   Set own;
@@ -489,6 +498,7 @@ bool General6R::run_form(int form, const double* G, Scratch& scratch, Set& set, 
 void General6R::choose_forms() {
   constexpr int poses = 200, first_look = 24;
   constexpr double worst_tail = 1e-9, least_found = 0.8, per_work = 2e-4, per_flag = 0.02;
+  constexpr double least_seeds = 0.95;
   struct Trial {
     std::vector<double> tails, works;
     std::vector<std::array<bool, Set::capacity>> hits;
@@ -498,7 +508,7 @@ void General6R::choose_forms() {
   Trial trials[form_count];
   Scratch scratch;
   Sequence numbers(2);
-  std::size_t known = 0;
+  std::size_t known = 0, seeds_found = 0;
   std::vector<std::size_t> counts;
   for (int p = 0; p < poses; ++p) {
     double c[6], s[6];
@@ -517,6 +527,7 @@ void General6R::choose_forms() {
       all.add_all(results[f], same_solution);
     }
     counts.push_back(all.count);
+    seeds_found += all.holds(c, s);
     known += all.count;
     for (int f = 0; f < form_count; ++f) {
       Trial& trial = trials[f];
@@ -565,6 +576,7 @@ void General6R::choose_forms() {
                                                      }) -
                                     score);
   order_ = {best};
+  dependable_ = usable(best) && static_cast<double>(seeds_found) >= least_seeds * poses;
   std::vector<std::array<bool, Set::capacity>> covered = trials[best].hits;
   while (order_.size() < 3) {
     int next = -1;
@@ -633,7 +645,7 @@ void General6R::solve_one(const double* target, GeneralMode mode, int only_form,
     out.flags[k] = static_cast<int>(flags);
     return write(target, set, out, k);
   }
-  bool trusted = run_form(order_[0], G, scratch, set, flags);
+  bool trusted = run_form(order_[0], G, scratch, set, flags) && dependable_;
   out.flags[k] = static_cast<int>(flags);
   const bool shared = (flags & flag_third) != 0;  // not to be settled by a form that always has doubts
   const bool again = !trusted || mode == GeneralMode::complete ||
@@ -641,9 +653,9 @@ void General6R::solve_one(const double* target, GeneralMode mode, int only_form,
   if (again && order_.size() > 1) {
     const bool second = run_form(order_[1], G, scratch, set, flags);
     out.flags[k] |= solve_second_form;
-    trusted = trusted || (second && !(shared && (flags & flag_hard)));
+    trusted = trusted || (second && dependable_ && !(shared && (flags & flag_hard)));
     if (!trusted && order_.size() > 2) {
-      trusted = run_form(order_[2], G, scratch, set, flags) && !(shared && (flags & flag_hard));
+      trusted = run_form(order_[2], G, scratch, set, flags) && dependable_ && !(shared && (flags & flag_hard));
       out.flags[k] |= solve_third_form;
     }
   }

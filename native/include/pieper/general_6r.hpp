@@ -165,6 +165,8 @@ class General6R {
   double base_inverse_[12], tip_inverse_[12];  // G = base_inverse T tip_inverse, before scaling
   double offset_[6];                           // joint angle in the frames of arm_ = q + offset
   std::vector<int> order_;                     // forms in the order of their use
+  // False when the forms together do not find the joints that made a pose: arms whose solutions form curves everywhere.
+  bool dependable_ = true;
   std::vector<FormReport> reports_;
 };
 
