@@ -30,6 +30,7 @@ void bind_general_6r(nb::module_& module) {
       .def_ro("median_tail", &FormReport::median_tail)
       .def_ro("found", &FormReport::found)
       .def_ro("flagged", &FormReport::flagged)
+      .def_ro("looked_twice", &FormReport::looked_twice)
       .def_ro("median_work", &FormReport::median_work)
       .def_ro("rank", &FormReport::rank);
   static const std::string solve_signature =

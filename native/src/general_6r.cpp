@@ -236,6 +236,7 @@ double least_singular_value(const GeneralArm& arm, const double* c, const double
 
 constexpr double same_solution = 1e-6;      // rad
 constexpr double always_doubtful = 0.2;     // share of hard flags of a form that says nothing by them
+constexpr double always_twice = 0.5;        // share of requests and twins that belongs to the arm
 constexpr double same_after_resort = 1e-5;  // rad, for solutions that were continued to a singular target
 
 struct General6R::Scratch {
@@ -502,7 +503,7 @@ void General6R::choose_forms() {
   struct Trial {
     std::vector<double> tails, works;
     std::vector<std::array<bool, Set::capacity>> hits;
-    int flagged = 0;
+    int flagged = 0, looked_twice = 0;
     bool dropped = false;
   };
   Trial trials[form_count];
@@ -535,6 +536,7 @@ void General6R::choose_forms() {
       if (trial.dropped) continue;
       trial.tails.push_back(results[f].tail), trial.works.push_back(static_cast<double>(results[f].work));
       trial.flagged += (results[f].flags & flag_hard) != 0;
+      trial.looked_twice += (results[f].flags & (flag_request | flag_twins)) != 0;
       for (std::size_t k = 0; k < results[f].count; ++k)
         for (std::size_t j = 0; j < all.count; ++j) {
           double apart = 0;
@@ -559,8 +561,8 @@ void General6R::choose_forms() {
     report.harmonics = arm_.forms[f].harmonics, report.even = arm_.forms[f].even;
     report.median_tail = median(trial.tails), report.median_work = median(trial.works);
     report.found = trial.dropped ? 0 : share(trial.hits);
-    report.flagged =
-        static_cast<double>(trial.flagged) / static_cast<double>(std::max<std::size_t>(trial.tails.size(), 1));
+    const auto tried = static_cast<double>(std::max<std::size_t>(trial.tails.size(), 1));
+    report.flagged = trial.flagged / tried, report.looked_twice = trial.looked_twice / tried;
     report.rank = -1;
     score[f] = report.found - per_work * report.median_work - per_flag * report.flagged;
     reports_.push_back(report);
@@ -648,8 +650,11 @@ void General6R::solve_one(const double* target, GeneralMode mode, int only_form,
   bool trusted = run_form(order_[0], G, scratch, set, flags) && dependable_;
   out.flags[k] = static_cast<int>(flags);
   const bool shared = (flags & flag_third) != 0;  // not to be settled by a form that always has doubts
-  const bool again = !trusted || mode == GeneralMode::complete ||
-                     (mode == GeneralMode::checked && (flags & (flag_request | flag_twins)) != 0);
+  // where roots coincide by the structure of the arm, that they do tells nothing
+  const unsigned unclear = reports_[order_[0]].looked_twice < always_twice ? flag_request | flag_twins
+                                                                           : flag_some_requests | flag_near_twins;
+  const bool again =
+      !trusted || mode == GeneralMode::complete || (mode == GeneralMode::checked && (flags & unclear) != 0);
   if (again && order_.size() > 1) {
     const bool second = run_form(order_[1], G, scratch, set, flags);
     out.flags[k] |= solve_second_form;

@@ -123,8 +123,9 @@ struct FormReport {
   int harmonics;
   bool even;
   double median_tail;
-  double found;    // share of all known solutions over the probe poses
-  double flagged;  // share of the probe poses with a hard flag
+  double found;         // share of all known solutions over the probe poses
+  double flagged;       // share of the probe poses with a hard flag
+  double looked_twice;  // share with requests or twins
   double median_work;
   int rank;  // 0 for the first choice, -1 for those that are not used
 };

@@ -36,7 +36,7 @@ void compact(FormResult& result, std::size_t count) {
 // Distinct solutions whose joint `i` is near an angle; counted up to four. Between two double roots that are some hundredths
 // of a radian apart the matrix has nearly as many null vectors as at one fourfold root.
 int solutions_near(const FormResult& result, int i, double angle) {
-  constexpr double near = 0.1, distinct = 1e-5;
+  constexpr double near = 0.25, distinct = 1e-5;
   const double c = std::cos(angle), s = std::sin(angle);
   std::size_t found[4];
   int count = 0;

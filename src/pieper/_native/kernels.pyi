@@ -84,6 +84,9 @@ class FormReport:
     def flagged(self) -> float: ...
 
     @property
+    def looked_twice(self) -> float: ...
+
+    @property
     def median_work(self) -> float: ...
 
     @property

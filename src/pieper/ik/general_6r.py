@@ -168,7 +168,7 @@ def solve_general_6r(
         Poses of the tip in the base frame [m, -].
     mode : str
         ``"fast"``: a second form runs only where the first one has a doubt. ``"checked"``: also where it had to sample part
-        of the circle again, or found two solutions at one angle. ``"complete"``: always.
+        of the circle again, or found two solutions at one angle, unless they coincide by the structure of the arm. ``"complete"``: always.
     threads : int
         Number of threads for a batch; the answers do not depend on it.
 
