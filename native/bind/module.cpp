@@ -23,5 +23,6 @@ NB_MODULE(kernels, module) {
   bind_jacobian(chain);
   bind_numeric_ik(module, chain);
   bind_closed_form(module, chain);
+  bind_general_6r(module);
   bind_instruction_sets(module);
 }

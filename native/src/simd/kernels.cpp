@@ -227,6 +227,7 @@ bool all_within(const double* numbers, std::size_t count, double limit) {
 #define PIEPER_TEXT(a) PIEPER_TEXT_(a)
 
 namespace pieper {
+extern const GeneralKernels PIEPER_JOIN(general_kernels_, PIEPER_ISA);
 extern const Kernels PIEPER_JOIN(kernels_, PIEPER_ISA);
 const Kernels PIEPER_JOIN(kernels_, PIEPER_ISA){PIEPER_TEXT(PIEPER_ISA),
                                                 lanes,
@@ -238,5 +239,6 @@ const Kernels PIEPER_JOIN(kernels_, PIEPER_ISA){PIEPER_TEXT(PIEPER_ISA),
                                                 all_within,
                                                 solve_numeric_target,
                                                 solve_closed_form_of,
-                                                arctangents};
+                                                arctangents,
+                                                &PIEPER_JOIN(general_kernels_, PIEPER_ISA)};
 }  // namespace pieper

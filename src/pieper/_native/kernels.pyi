@@ -92,6 +92,56 @@ class ClosedForm:
 def arctangent(y: object, x: object) -> numpy.typing.NDArray[numpy.float64]:
     """The angle of points (x, y), as the kernels compute it."""
 
+class GeneralMode(enum.Enum):
+    fast = 0
+
+    checked = 1
+
+    complete = 2
+
+class FormReport:
+    @property
+    def remaining_joint(self) -> int: ...
+
+    @property
+    def harmonics(self) -> int: ...
+
+    @property
+    def even(self) -> bool: ...
+
+    @property
+    def median_tail(self) -> float: ...
+
+    @property
+    def found(self) -> float: ...
+
+    @property
+    def flagged(self) -> float: ...
+
+    @property
+    def looked_twice(self) -> float: ...
+
+    @property
+    def median_work(self) -> float: ...
+
+    @property
+    def rank(self) -> int: ...
+
+class NativeGeneral6R:
+    def __init__(self, chain: NativeChain) -> None: ...
+
+    def solve(self, targets: object, mode: GeneralMode, threads: int) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.int32]]:
+        """
+        Joints (..., 16, 6) for poses (..., 4, 4), padded with NaN; position_error, rotation_error, valid (..., 16); flags (...).
+        """
+
+    def solve_one_form(self, form: int, targets: object) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.int32]]:
+        """As solve(), by one of the six forms alone; to measure them."""
+
+    @property
+    def reports(self) -> list[FormReport]:
+        """What was measured about each form."""
+
 def instruction_set() -> str:
     """Name of the instruction set in use."""
 
