@@ -42,3 +42,10 @@ def test_an_arm_without_joints(pieper_command, tmp_path) -> None:
     assert (answer["joints"], answer["reach"]) == ([], {"from_base": 1.0, "from_first_axis": None})
     assert "0 joints" in pieper_command("info", urdf).out
     assert pieper_command("fk", urdf, "--json").json["position"] == [0.0, 0.0, 1.0]
+
+
+def test_structure_in_words(pieper_command) -> None:
+    ur5e = pieper_command("info", "ur5e").out.replace("\n", " ")
+    assert "structure  axes 2, 3 and 4 are parallel, and axes 5 and 6 meet: up to 8 answers" in ur5e
+    assert "no three axes meet or are parallel" in pieper_command("info", "crx10ia").out
+    assert pieper_command("info", "kr210", "--json").json["structure"]["has_closed_form"] is True

@@ -21,7 +21,8 @@ def info(
     nominal: Nominal = False,
     as_json: Json = False,
 ) -> int:
-    """Print the joints of an arm, their limits, Denavit-Hartenberg rows, screws, and how far it reaches."""
+    """Print the joints of an arm, their limits, Denavit-Hartenberg rows, screws, reach and structure."""
+    from pieper.ik.family import find_family
     from pieper.kinematics.reach import reach
     from pieper.model import dh
 
@@ -29,6 +30,7 @@ def info(
     chain = robot.chain
     rows = dh.as_dh(chain)
     far = reach(chain)
+    family = find_family(chain)
     if as_json:
         print_json(
             {
@@ -41,6 +43,7 @@ def info(
                 "screws": chain.screws,
                 "home": chain.home,
                 "reach": {"from_base": far.from_base, "from_first_axis": far.from_first_axis},
+                "structure": {"has_closed_form": family.has_closed_form, "reason": family.reason},
             }
         )
         return 0
@@ -48,9 +51,10 @@ def info(
     out.print(f"{robot.name}  {chain.base} -> {chain.tip}, {chain.dof} joints", style="bold", markup=False)
     out.print(
         f"reach  {number(far.from_base, 3)} m from the origin of {chain.base}, "
-        f"{number(far.from_first_axis, 3)} m from the first axis\n",
+        f"{number(far.from_first_axis, 3)} m from the first axis",
         markup=False,
     )
+    out.print(f"structure  {family.reason}\n", markup=False)
     _print_joints(out, robot)
     _print_dh(out, rows)
     _print_screws(out, robot)
