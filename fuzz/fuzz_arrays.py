@@ -1,4 +1,4 @@
-"""Coverage-guided fuzzing of the array entry points: joints, outputs, frames, chains.
+"""Coverage-guided fuzzing of the array entry points: joints, outputs, frames, targets, chains.
 
     python fuzz/fuzz_arrays.py -max_total_time=600 CORPUS_FOLDER
 
@@ -16,6 +16,7 @@ import numpy as np
 with atheris.instrument_imports(include=["pieper"]):
     import pieper
     from pieper.errors import ArrayError, UnknownNameError
+    from pieper.ik.solve import solve
     from pieper.kinematics import jacobian as jacobians
     from pieper.model.chain import Chain
 
@@ -81,7 +82,7 @@ def one_input(raw: bytes) -> None:
         room = np.full(16 * 256 + 8, 7.0)
         size = data.ConsumeIntInRange(0, 200)
         out = room[: 16 * size].reshape(size, 4, 4) if data.ConsumeBool() else some_array(data, 4)
-    call = data.ConsumeIntInRange(0, 6)
+    call = data.ConsumeIntInRange(0, 7)
     try:
         if call == 0:
             T = arm.fk(q, out=out)
@@ -99,6 +100,14 @@ def one_input(raw: bytes) -> None:
             arm.jacobian_rate(q, some_array(data, arm.dof))
         elif call == 5:
             arm.hessian(q)
+        elif call == 6:
+            target = some_array(data, 4)
+            if data.ConsumeBool():  # a pose, moved by whatever was drawn
+                target = np.eye(4)
+                target[:3, 3] = [data.ConsumeFloatInRange(-2.0, 2.0) for _ in range(3)]
+            answers = solve(arm.chain, target, seed=q if data.ConsumeBool() else None, restarts=4)
+            assert not np.isnan(answers.q[answers.valid]).any()
+            assert (answers.position_error[answers.valid] <= answers.position_tolerance).all()
         else:
             Chain(
                 name="fuzzed",
