@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from pieper.errors import ArrayError, unknown_name
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Collection, Sequence
 
     from pieper._native import kernels
 
@@ -242,7 +242,7 @@ class Chain:
         """A chain whose tip is the tool frame, ``home @ T_tip_tool``."""
         T = _frozen_pose(T_tip_tool, "T_tip_tool")
         home = self.home @ T
-        name = _free_name(name, [f.name for f in self.frames])
+        name = free_name(name, [f.name for f in self.frames])
         return replace(self, home=home, tip=name, frames=(*self.frames, Frame(name, len(self.screws), home)))
 
     def with_base(self, T_world_base: ArrayLike, *, name: str = "world") -> Chain:
@@ -251,7 +251,7 @@ class Chain:
         R, p = T[:3, :3], T[:3, 3]
         w = self.screws[:, 3:] @ R.T
         v = self.screws[:, :3] @ R.T + np.cross(p, w)
-        name = _free_name(name, [f.name for f in self.frames])
+        name = free_name(name, [f.name for f in self.frames])
         frames = (Frame(name, 0, np.eye(4)), *(Frame(f.name, f.after, T @ f.home) for f in self.frames))
         return replace(self, screws=np.hstack([v, w]), home=T @ self.home, base=name, frames=frames)
 
@@ -307,11 +307,10 @@ class Chain:
         return f"Chain({self.name!r}, {self.dof} joints, {self.base!r} -> {self.tip!r})"
 
 
-def _free_name(name: str, taken: Iterable[str]) -> str:
+def free_name(name: str, taken: Collection[str]) -> str:
     """`name`, or `name_2`, `name_3`, ... when it is taken."""
-    used = set(taken)
     candidate, count = name, 1
-    while candidate in used:
+    while candidate in taken:
         count += 1
         candidate = f"{name}_{count}"
     return candidate

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pieper.errors import AmbiguousError, ArrayError, DescriptionError, UrdfError, unknown_name
-from pieper.model.chain import Chain, Frame
+from pieper.model.chain import Chain, Frame, free_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -869,7 +869,7 @@ class _FromChain:
         return self.chain.joint_names[int(np.argmax(self.chain.coupling[axis] != 0.0))]
 
     def _new_link(self, name: str) -> str:
-        name = _free(name, self.taken_links)
+        name = free_name(name, self.taken_links)
         self.taken_links.add(name)
         return name
 
@@ -879,7 +879,7 @@ class _FromChain:
         T = _inverse(T_parent) @ T_child
         T[3] = [0.0, 0.0, 0.0, 1.0]
         if axis is None or not self.chain.coupling[axis].any():
-            name = _free(f"{parent}-{child}", self.taken_joints)
+            name = free_name(f"{parent}-{child}", self.taken_joints)
             self.taken_joints.add(name)
             self.joints.append(Joint(name, "fixed", parent, child, T))
             return
@@ -890,7 +890,7 @@ class _FromChain:
         if self.owner.get(index) == axis:
             self._add_moving(self.chain.joint_names[index], parent, child, T, direction, turns, index)
             return
-        name = _free(f"{self.chain.joint_names[index]}_mimic", self.taken_joints)
+        name = free_name(f"{self.chain.joint_names[index]}_mimic", self.taken_joints)
         self.taken_joints.add(name)
         mimic = Mimic(self.chain.joint_names[index], float(self.chain.coupling[axis, index]))
         self._add_moving(name, parent, child, T, direction, turns, index, mimic)
@@ -933,11 +933,3 @@ class _FromChain:
         child = self._new_link(f"{name}_link")
         self.links.append(child)
         self._add_moving(name, self.chain.base, child, np.eye(4), np.array([0.0, 0.0, 1.0]), turns, index)
-
-
-def _free(name: str, taken: set[str]) -> str:
-    candidate, count = name, 1
-    while candidate in taken:
-        count += 1
-        candidate = f"{name}_{count}"
-    return candidate
