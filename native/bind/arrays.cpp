@@ -19,13 +19,15 @@ nb::handle numpy_empty() {
   return empty;
 }
 
-nb::object new_array(nb::handle shape) {
-  PyObject* array = PyObject_CallFunctionObjArgs(numpy_empty().ptr(), shape.ptr(), nullptr);
+}  // namespace
+
+nb::object numpy_dtype(const char* name) { return nb::module_::import_("numpy").attr("dtype")(name); }
+
+nb::object new_array(nb::handle shape, nb::handle dtype) {
+  PyObject* array = PyObject_CallFunctionObjArgs(numpy_empty().ptr(), shape.ptr(), dtype.ptr(), nullptr);
   if (!array) throw nb::python_error();
   return nb::steal(array);
 }
-
-}  // namespace
 
 nb::object shape_tuple(const std::vector<Py_ssize_t>& leading, std::initializer_list<std::size_t> inner) {
   PyObject* shape = PyTuple_New(static_cast<Py_ssize_t>(leading.size() + inner.size()));

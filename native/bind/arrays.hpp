@@ -60,16 +60,20 @@ class Output {
   Py_buffer view_{};
 };
 
-// A new numpy array of another type than float64, by numpy.empty(shape, dtype).
+// numpy.dtype(name), and numpy.empty(shape, dtype), float64 without a dtype.
+nb::object numpy_dtype(const char* name);
+nb::object new_array(nb::handle shape, nb::handle dtype = {});
+
+// The tuple of sizes that numpy.empty takes.
+nb::object shape_tuple(const std::vector<Py_ssize_t>& leading, std::initializer_list<std::size_t> inner);
+
+// A new numpy array of another type than float64.
 template <class Number>
 class NewArray {
  public:
   NewArray(const std::vector<Py_ssize_t>& leading, std::initializer_list<std::size_t> inner, const char* dtype) {
-    static PyObject* empty = nb::object(nb::module_::import_("numpy").attr("empty")).release().ptr();
-    nb::list shape;
-    for (Py_ssize_t size : leading) shape.append(size);
-    for (std::size_t size : inner) shape.append(size);
-    array_ = nb::handle(empty)(nb::tuple(shape), dtype);
+    static PyObject* type = numpy_dtype(dtype).release().ptr();  // one for each Number
+    array_ = new_array(shape_tuple(leading, inner), type);
     if (PyObject_GetBuffer(array_.ptr(), &view_, PyBUF_C_CONTIGUOUS | PyBUF_WRITABLE) != 0) throw nb::python_error();
   }
   ~NewArray() { PyBuffer_Release(&view_); }
@@ -85,9 +89,6 @@ class NewArray {
 
 // As pieper.spatial checks poses: (count, 4, 4), a rotation to 1e-9, and the last row 0 0 0 1.
 bool all_poses(const double* T, std::size_t count);
-
-// The tuple of sizes that numpy.empty takes.
-nb::object shape_tuple(const std::vector<Py_ssize_t>& leading, std::initializer_list<std::size_t> inner);
 
 // Runs `work` without the interpreter lock when there is enough of it to be worth a release.
 template <class Work>

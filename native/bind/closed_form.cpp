@@ -1,5 +1,9 @@
 #include "pieper/closed_form.hpp"
 
+#include <nanobind/stl/vector.h>
+
+#include <algorithm>
+
 #include "chain.hpp"
 #include "pieper/kernels.hpp"
 
@@ -30,7 +34,17 @@ void bind_closed_form(nb::module_& module, nb::class_<NativeChain>& chain) {
                 ClosedForm(family, first_three, reversed, S.data(), S.count(), M.data(), scale, capture, widened);
           },
           nb::arg("family"), nb::arg("first_three"), nb::arg("reversed"), nb::arg("screws"), nb::arg("home"),
-          nb::arg("scale"), nb::arg("capture"), nb::arg("widened"));
+          nb::arg("scale"), nb::arg("capture"), nb::arg("widened"))
+      .def(
+          "name_branches",
+          [](ClosedForm& self, const std::vector<int>& branch_of_slot) {
+            unsigned seen = 0;
+            for (int b : branch_of_slot) seen |= b >= 0 && b < 8 ? 1u << b : 0u;
+            if (branch_of_slot.size() != closed_form_branches || seen != 255u) not_plain("branch_of_slot");
+            std::copy(branch_of_slot.begin(), branch_of_slot.end(), self.branch_of_slot);
+          },
+          nb::arg("branch_of_slot"),
+          "Gives each of the eight slots the number of its branch, by which answers are ordered.");
   chain.def(
       "solve_closed_form",
       [](const NativeChain& self, const ClosedForm& form, nb::handle targets, double position_tolerance,

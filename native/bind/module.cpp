@@ -24,5 +24,6 @@ NB_MODULE(kernels, module) {
   bind_numeric_ik(module, chain);
   bind_closed_form(module, chain);
   bind_general_6r(module);
+  bind_answers(module, chain);
   bind_instruction_sets(module);
 }

@@ -96,13 +96,31 @@ void connect(Axis& axis, const FrameOnAxis& from, const FrameOnAxis& to, double 
 
 Chain::Chain(const double* screws, std::size_t m, const double* home, const double* coupling, std::size_t n,
              const double* limits)
-    : joints_(n), screws_(screws, screws + 6 * m), limits_(limits, limits + 2 * n), axes_(m) {
+    : joints_(n), screws_(screws, screws + 6 * m), axes_(m) {
   std::copy(home, home + 12, home_.begin());
   bool identity = m == n;
   for (std::size_t i = 0; identity && i < m; ++i)
     for (std::size_t k = 0; k < n; ++k) identity = identity && coupling[i * n + k] == (i == k ? 1.0 : 0.0);
   if (!identity) coupling_.assign(coupling, coupling + m * n);
+  for (std::size_t i = 0; i < n; ++i) {
+    constexpr double far = 1e6;  // such limits bound nothing
+    const double lower = limits[2 * i], upper = limits[2 * i + 1], centre = 0.5 * (lower + upper);
+    ranges_.push_back({lower, upper, std::abs(centre) < far ? centre : 0.0, false});
+  }
   fold();
+  for (std::size_t i = 0; i < n; ++i) ranges_[i].turns = is_periodic(i);
+}
+
+// Whole multiples of a turn of this joint leave every axis where it was.
+bool Chain::is_periodic(std::size_t joint) const {
+  bool moves = false;
+  for (std::size_t i = 0; i < axes(); ++i) {
+    const double factor = coupled() ? coupling(i)[joint] : (i == joint ? 1.0 : 0.0);
+    if (factor == 0) continue;
+    if (!axes_[i].revolute || factor != std::round(factor)) return false;
+    moves = true;
+  }
+  return moves;
 }
 
 void Chain::fold() {

@@ -11,14 +11,8 @@
 #include "pieper/search_table.hpp"
 
 namespace pieper {
-namespace {
 
-struct Distance {
-  double position, rotation;
-};
-
-// Errors of the chosen rows at a pose (3x4 of a 4x4, row-major), without weights.
-Distance measure(const double* target, const double* pose, const TargetRows& rows) {
+PoseError pose_error(const double* target, const double* pose, const TargetRows& rows) {
   double p[3], w[3] = {0, 0, 0};
   const auto R = [&](const double* T, int r, int c) { return T[4 * r + c]; };
   for (int r = 0; r < 3; ++r) p[r] = R(target, r, 3) - R(pose, r, 3);
@@ -33,7 +27,7 @@ Distance measure(const double* target, const double* pose, const TargetRows& row
     sine[1] += factor * (a[2] * b[0] - a[0] * b[2]);
     sine[2] += factor * (a[0] * b[1] - a[1] * b[0]);
   };
-  Distance distance{0, 0};
+  PoseError distance{0, 0};
   if (rows.rotation == RotationTarget::axis) {
     double a[3] = {0, 0, 0}, d[3] = {0, 0, 0};
     for (int r = 0; r < 3; ++r)
@@ -69,6 +63,8 @@ Distance measure(const double* target, const double* pose, const TargetRows& row
   return distance;
 }
 
+namespace {
+
 class Batch {
  public:
   Batch(const Chain& chain, const double* targets, const double* seeds, const TargetRows& rows,
@@ -96,7 +92,7 @@ class Batch {
     const auto keep = [&](const double* x) {
       double* q = out_.q + (k * count + kept) * n;
       table_.from_search(x, seed, q);
-      const Distance distance = at(target, q);
+      const PoseError distance = at(target, q);
       if (!reached(distance)) return;
       out_.position_error[k * count + kept] = distance.position;
       out_.rotation_error[k * count + kept] = distance.rotation;
@@ -120,18 +116,18 @@ class Batch {
       return;
     }
     table_.from_search(nearest.data(), seed, q);
-    const Distance distance = at(target, q);
+    const PoseError distance = at(target, q);
     out_.nearest_position_error[k] = distance.position, out_.nearest_rotation_error[k] = distance.rotation;
     out_.status[k] = static_cast<signed char>(answer.found > 0 ? NumericStatus::not_converged : answer.status);
   }
 
  private:
-  Distance at(const double* target, const double* q) const {
+  PoseError at(const double* target, const double* q) const {
     double pose[16];
     if (!forward_kinematics(chain_, q, 1, 1, pose)) return {INFINITY, INFINITY};
-    return measure(target, pose, rows_);
+    return pose_error(target, pose, rows_);
   }
-  bool reached(const Distance& d) const {
+  bool reached(const PoseError& d) const {
     return d.position <= options_.position_tolerance && d.rotation <= options_.rotation_tolerance;
   }
 

@@ -17,18 +17,6 @@ constexpr double endless = 1e3, endless_slide = 1e6;
 constexpr double first_turn = 1, first_slide = 100;
 constexpr std::size_t table_pages = 4, page_entries = 1024;
 
-// Whole multiples of a turn of this joint leave every axis where it was.
-bool periodic_joint(const Chain& chain, std::size_t joint) {
-  bool moves = false;
-  for (std::size_t i = 0; i < chain.axes(); ++i) {
-    const double factor = chain.coupled() ? chain.coupling(i)[joint] : (i == joint ? 1.0 : 0.0);
-    if (factor == 0) continue;
-    if (!chain.folded().axes[i].revolute || factor != std::round(factor)) return false;
-    moves = true;
-  }
-  return moves;
-}
-
 // The joint only slides axes.
 bool sliding_joint(const Chain& chain, std::size_t joint) {
   for (std::size_t i = 0; i < chain.axes(); ++i) {
@@ -52,7 +40,7 @@ void SearchTable::set_boxes(const Chain& chain) {
   for (std::size_t i = 0; i < n; ++i) {
     double lower = chain.lower(i), upper = chain.upper(i), shift = 0;
     limits_.push_back(lower), limits_.push_back(upper);
-    const bool periodic = periodic_joint(chain, i);
+    const bool periodic = chain.range(i).turns;
     const bool turns = periodic && upper - lower >= turn;
     double first = lower, last = upper;
     if (turns) {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from pieper.ik.solutions import IKSolutions
+    from pieper.ik.solver import IKInfo, Solver
+    from pieper.ik.target import Target
     from pieper.model.dh import DhTable
     from pieper.model.package import PackageFolders
 
@@ -126,11 +129,30 @@ class Arm:
 
     # --- how to get there
 
-    def ik(self, T_base_tip: ArrayLike, seed: ArrayLike | None = None, **options: Any) -> IKSolutions:
-        """Joint values that bring the tip to `T_base_tip`, (..., 4, 4). See `pieper.ik.solve.solve` for options."""
-        from pieper.ik.solve import solve
+    @cached_property
+    def _solver(self) -> Solver:
+        from pieper.ik.solve import solver
 
-        return solve(self.chain, T_base_tip, seed=seed, **options)
+        return solver(self.chain)
+
+    @property
+    def ik_info(self) -> IKInfo:
+        """How the arm is solved: the structure of its axes in words, the tolerance, the most answers, the self-test.
+
+        >>> load("ur5e").ik_info.structure
+        'axes 2, 3 and 4 are parallel, and axes 5 and 6 meet: up to 8 answers (exact)'
+        """
+        return self._solver.info
+
+    def ik(self, T_base_tip: ArrayLike | Target, seed: ArrayLike | None = None, **options: Any) -> IKSolutions:
+        """Every joint vector that brings the tip to `T_base_tip`, (..., 4, 4). See `pieper.ik.solve.solve` for options.
+
+        >>> arm = load("ur5e")
+        >>> answers = arm.ik(arm.fk([0.1, -1.2, 1.4, -1.7, -1.5, 0.3]))
+        >>> int(answers.count), answers.labels[0]
+        (8, 'front, elbow up, no flip')
+        """
+        return self._solver.solve(T_base_tip, seed, **options)
 
     # --- a changed arm
 

@@ -12,7 +12,6 @@ from pieper.errors import ArrayError
 from pieper.ik import target
 from pieper.ik.numeric import solve_numeric
 from pieper.ik.solutions import Status
-from pieper.ik.solve import solve
 from pieper.kinematics.fk import fk
 from pieper.model.chain import Chain
 from pieper.spatial import pose, rotation
@@ -138,7 +137,7 @@ def test_orientation_out_of_reach_is_told_apart():
 def test_reachable_and_not_in_one_batch():
     far = T_SAMPLE.copy()
     far[:3, 3] *= 10.0
-    answers = solve(chain("ur5e"), np.stack([T_SAMPLE, far, T_SAMPLE]))
+    answers = solve_numeric(chain("ur5e"), np.stack([T_SAMPLE, far, T_SAMPLE]))
     assert answers.status.tolist() == [0, 1, 0]
     assert answers.reached.tolist() == [True, False, True]
     assert answers.count.tolist() == [1, 0, 1]
@@ -153,7 +152,7 @@ def test_reachable_and_not_in_one_batch():
 def test_absurd_targets_are_missed_and_no_more(far):
     T = T_SAMPLE.copy()
     T[:3, 3] = far
-    answers = solve(chain("ur5e"), T)
+    answers = solve_numeric(chain("ur5e"), T)
     assert not answers.reached
     assert answers.nearest.position_error == pytest.approx(np.sqrt(3.0) * far)
     assert np.isfinite(answers.nearest.q).all()
@@ -163,14 +162,14 @@ def test_limits_that_bound_nothing():
     for far in (1e9, 1e300):
         screws = [[1, 0, 0, 0, 0, 0], [0, 1, 0, 0, 0, 0]]
         arm = Chain("slides", screws, np.eye(4), [[-far, far], [-1.0, far]], ["a", "b"])
-        np.testing.assert_allclose(solve(arm, at(5.0, 20.0)).q[0], [5.0, 20.0], atol=1e-9)
+        np.testing.assert_allclose(solve_numeric(arm, at(5.0, 20.0)).q[0], [5.0, 20.0], atol=1e-9)
 
 
 @pytest.mark.parametrize("far", [1e3, 2e6])
 def test_limits_many_turns_away(far):
     arm = planar(1.0, limits=(far, far + 1.0))
     T = fk(arm, [far + 0.5])
-    np.testing.assert_allclose(solve(arm, T).q[0], [far + 0.5], atol=1e-9)
+    np.testing.assert_allclose(solve_numeric(arm, T).q[0], [far + 0.5], atol=1e-9)
 
 
 @pytest.mark.parametrize("axis", [(0, 0, 1), (1, 0, 0), (0, -1, 0), (0.6, 0, 0.8), (-0.48, 0.6, 0.64)])
@@ -321,7 +320,7 @@ def batch_with(bad):
 )
 def test_malformed_targets(T, message):
     with pytest.raises(ArrayError, match=message):
-        solve(chain("ur5e"), T)
+        solve_numeric(chain("ur5e"), T)
 
 
 @pytest.mark.parametrize(

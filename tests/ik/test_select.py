@@ -40,9 +40,10 @@ def answers_with(arm, q, valid=None):
         position_error=np.where(valid, 1e-12, np.nan),
         rotation_error=np.where(valid, 1e-12, np.nan),
         within_limits=valid,
+        branch=np.full(valid.shape, -1, np.int8),
         status=np.where(valid.any(axis=-1), Status.reached, Status.unreachable).astype(np.int8),
-        nearest=Nearest(np.full((*q.shape[:-2], q.shape[-1]), np.nan), none, none, none),
-        complete=True,
+        complete=np.ones(q.shape[:-2], bool),
+        find_nearest=lambda _: Nearest(np.full((*q.shape[:-2], q.shape[-1]), np.nan), none, none, none),
         position_tolerance=1e-9,
         rotation_tolerance=1e-9,
     )

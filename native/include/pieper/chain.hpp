@@ -35,6 +35,13 @@ struct LinkFrame {
   std::array<double, 12> home;
 };
 
+// Where a joint may be, and whether a whole turn brings it back to where it was.
+struct JointRange {
+  double lower, upper;
+  double centre;  // of the limits; 0 where one of them is infinite
+  bool turns;
+};
+
 // What the kernels read: plain data, because code compiled for several instruction sets must not share inline functions.
 struct Folded {
   const Axis* axes = nullptr;  // m of them
@@ -65,16 +72,19 @@ class Chain {
   const double* screw(std::size_t axis) const { return &screws_[6 * axis]; }
   const double* home() const { return home_.data(); }  // 3x4, row-major
   const double* coupling(std::size_t axis) const { return &coupling_[joints_ * axis]; }
-  double lower(std::size_t joint) const { return limits_[2 * joint]; }
-  double upper(std::size_t joint) const { return limits_[2 * joint + 1]; }
+  double lower(std::size_t joint) const { return ranges_[joint].lower; }
+  double upper(std::size_t joint) const { return ranges_[joint].upper; }
+  const JointRange& range(std::size_t joint) const { return ranges_[joint]; }
   // Starting points for inverse kinematics; made when first asked for.
   const SearchTable& search_table() const;
 
  private:
   void fold();
+  bool is_periodic(std::size_t joint) const;
 
   std::size_t joints_;
-  std::vector<double> screws_, coupling_, limits_;
+  std::vector<double> screws_, coupling_;
+  std::vector<JointRange> ranges_;
   std::array<double, 12> home_;
   std::vector<Axis> axes_;
   Folded folded_;

@@ -66,6 +66,7 @@ struct ClosedForm {
 
   // Of quartics. Common normal of axes 1 and 2: from axis 1 to the foot on axis 2.
   double foot_1[3], foot_2[3], normal[3], normal_length, sine_12;
+  signed char branch_of_slot[closed_form_branches] = {0, 1, 2, 3, 4, 5, 6, 7};  // its number as the caller names it
   double widened;  // least square of the sine of an angle at a fold; 0 for an arm that is what it is taken for
 
   // `screws` (joints, 6) of the arm in its own order, idealised where its numbers are rounded, and its home pose (4,

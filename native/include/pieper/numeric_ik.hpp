@@ -21,6 +21,13 @@ struct TargetRows {
   double axis[3] = {0, 0, 1};  // unit vector in tool axes, for RotationTarget::axis
 };
 
+struct PoseError {
+  double position, rotation;  // [m], [rad]
+};
+
+// Errors of the chosen rows at a pose (3x4 of a 4x4, row-major), without weights.
+PoseError pose_error(const double* target, const double* pose, const TargetRows&);
+
 struct NumericOptions {
   double position_tolerance = 1e-9;  // m
   double rotation_tolerance = 1e-9;  // rad

@@ -388,7 +388,8 @@ PIEPER_INLINE void three_parallel_6(const ClosedForm& f, const Displacement& G, 
 }
 
 // Five joints: a pose that the arm can reach leaves two equations for axis 1, the height of a point on axis 5 and that
-// of its direction; the one that tells more is taken.
+// of its direction; the one that tells more is taken. Signs are those of the point, so that a branch stays itself when the
+// equations change places.
 PIEPER_INLINE void three_parallel_5(const ClosedForm& f, const Displacement& G, const Signs& signs, Turn* turn,
                                     IntVec& near) {
   const double *w1 = f.axis[0], *h = f.axis[1], *w5 = f.axis[4], *o1 = f.point[0], *o5 = f.meet;
@@ -396,10 +397,15 @@ PIEPER_INLINE void three_parallel_5(const ClosedForm& f, const Displacement& G, 
   const Point v = moved(G, point_of(o5)) - o1, d = turned(G, point_of(w5));
   const Point z = at_height(f.front, v, splat(f.height), signs.front, by_point);
   const Point e = at_height(f.front, d, dot(h, point_of(w5)), signs.front, by_direction);
-  const Vec out_z = magnitude(dot(f.front.f, z)), out_e = f.scale * magnitude(dot(f.front.f, e));
+  const Vec along_z = dot(f.front.f, z), along_e = dot(f.front.f, e);
+  const Point z_other = z - scaled(2.0 * along_z, f.front.f), e_other = e - scaled(2.0 * along_e, f.front.f);
   const Turn a = turn_onto(w1, z, v), b = turn_onto(w1, e, d);
-  const IntVec use = out_z >= out_e;
-  turn[0] = {select(use, a.c, b.c), select(use, a.s, b.s)};
+  const Turn a_other = turn_onto(w1, z_other, v), b_other = turn_onto(w1, e_other, d);
+  const auto alike = [](const Turn& one, const Turn& other) { return one.c * other.c + one.s * other.s; };
+  const IntVec same = alike(a, b) + alike(a_other, b_other) >= alike(a, b_other) + alike(a_other, b);
+  const Turn by_d{select(same, b.c, b_other.c), select(same, b.s, b_other.s)};
+  const IntVec use = magnitude(along_z) >= f.scale * magnitude(along_e);
+  turn[0] = {select(use, a.c, by_d.c), select(use, a.s, by_d.s)};
   const Point n = turned_back(G, turned(w1, turn[0], point_of(h)));
   turn[4] = turn_onto(w5, n, point_of(h));
   turn_three(

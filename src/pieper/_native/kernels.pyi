@@ -1,5 +1,6 @@
 """Compiled kernels. Arguments are plain arrays that pieper has checked."""
 
+from collections.abc import Sequence
 import enum
 
 import numpy
@@ -45,6 +46,19 @@ class NativeChain:
         Joints (..., 8, n) of every branch for poses (..., 4, 4), valid, position_error and rotation_error (..., 8), and doubtful (...).
         """
 
+    def answer_by_closed_form(self, form: ClosedForm, targets: object, seeds: object, position_tolerance: float, rotation_tolerance: float, threads: int) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.int8], numpy.typing.NDArray[numpy.int8], numpy.typing.NDArray[numpy.bool_], int, int]:
+        """
+        Joints (..., 8, n) for poses (..., 4, 4) in the order of their use, valid, position_error, rotation_error, within_limits, branch (..., 8), status and complete (...); how many are not complete, and how many were not reached.
+        """
+
+    def answer_by_polynomial(self, solver: NativeGeneral6R, mode: GeneralMode, targets: object, seeds: object, position_tolerance: float, rotation_tolerance: float, threads: int) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.int8], numpy.typing.NDArray[numpy.int8], numpy.typing.NDArray[numpy.bool_], int, int]:
+        """As answer_by_closed_form, with (..., 16) places and without branches."""
+
+    def arrange(self, q: object, position_error: object, rotation_error: object, branch: object, targets: object, seeds: object, position_tolerance: float, rotation_tolerance: float) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.int8], numpy.typing.NDArray[numpy.int8]]:
+        """
+        Joints (..., k, n) that were found for poses (..., 4, 4), with errors (..., k) that are NaN where there is none, in the order of their use: as answer_by_closed_form, without complete and the counts.
+        """
+
 class RotationTarget(enum.Enum):
     free = 0
 
@@ -88,6 +102,11 @@ class FirstThree(enum.Enum):
 
 class ClosedForm:
     def __init__(self, family: ClosedFormFamily, first_three: FirstThree, reversed: bool, screws: object, home: object, scale: float, capture: float, widened: float) -> None: ...
+
+    def name_branches(self, branch_of_slot: Sequence[int]) -> None:
+        """
+        Gives each of the eight slots the number of its branch, by which answers are ordered.
+        """
 
 def arctangent(y: object, x: object) -> numpy.typing.NDArray[numpy.float64]:
     """The angle of points (x, y), as the kernels compute it."""
@@ -141,6 +160,13 @@ class NativeGeneral6R:
     @property
     def reports(self) -> list[FormReport]:
         """What was measured about each form."""
+
+class AnswerStatus(enum.Enum):
+    reached = 0
+
+    unreachable = 1
+
+    outside_limits = 3
 
 def instruction_set() -> str:
     """Name of the instruction set in use."""

@@ -1,4 +1,4 @@
-"""``pieper ik``: the joint values that reach a target, several where there are several."""
+"""``pieper ik``: the joint values that reach a target, every branch where the arm allows it."""
 
 from __future__ import annotations
 
@@ -33,6 +33,12 @@ if TYPE_CHECKING:
     from pieper.ik.solutions import IKSolutions
 
 
+_SEARCHED = 8
+"""Answers that a solver which iterates looks for."""
+
+_BRANCH_ROWS = ("shoulder", "elbow", "wrist")
+
+
 def ik(
     arm: ArmName,
     x: X,
@@ -43,20 +49,24 @@ def ik(
     axis: Axis = None,
     degrees: Degrees = False,
     seed: Seed = None,
-    count: Annotated[int, typer.Option("--count", metavar="K", min=1, max=64, help="Answers to look for.")] = 8,
+    show_all: Annotated[bool, typer.Option("--all", help="Every branch, also those outside the joint limits.")] = False,
+    count: Annotated[
+        int | None, typer.Option("--count", metavar="K", min=1, max=64, help="Answers to print at most.")
+    ] = None,
     base: Base = None,
     tip: Tip = None,
     nominal: Nominal = False,
     as_json: Json = False,
 ) -> int:
     """Print joint values that bring the tip to a target, one answer a column."""
-    from pieper.ik.solve import solve
-
     robot = load(arm, base=base, tip=tip, nominal=nominal)
     goal = wanted(x, y, z, rpy=rpy, quaternion=quaternion, axis=axis, degrees=degrees)
     start = None if seed is None else seed_values(robot, seed, degrees=degrees)
-    answers = solve(robot.chain, goal.target(), seed=start, count=count)
+    if count is None and (robot.ik_info.method == "numeric" or not goal.is_whole):
+        count = _SEARCHED
+    answers = robot.ik(goal.target(), start, count=count)
     reached = bool(answers.reached)
+    records = _records(answers, outside=show_all or as_json)
     if as_json:
         print_json(
             {
@@ -66,21 +76,24 @@ def ik(
                 "joint_names": robot.joint_names,
                 "target": goal.record(),
                 **outcome(answers),
-                "complete": answers.complete,
-                "answers": _records(answers),
+                "complete": bool(answers.complete),
+                "answers": records,
             }
         )
         return 0 if reached else 1
     out = console()
     out.print(f"{robot.name}  {robot.base} -> {robot.tip}", style="bold", markup=False)
     out.print(f"target  {x:.6g} {y:.6g} {z:.6g} m, {goal.words(degrees=degrees)}\n", markup=False)
-    if reached:
-        for headings, rows in _blocks(robot, _records(answers), out.width, degrees=degrees):
+    if records:
+        for headings, rows in _blocks(robot, records, out.width, degrees=degrees):
             print_table(out, headings, rows)
             out.print()
         out.print(f"joints that turn in {'degrees' if degrees else 'radians'}; others in metres", markup=False)
-    else:
+        out.print(_how_many(answers, len(records)), markup=False)
+    if not reached:
         out.print(f"not reached: {answers.reason}", style="red", markup=False)
+        if answers.count and not show_all:
+            out.print("--all shows the answers outside the limits", markup=False)
     return 0 if reached else 1
 
 
@@ -104,16 +117,29 @@ def outcome(answers: IKSolutions) -> dict[str, Any]:
     }
 
 
-def _records(answers: IKSolutions) -> list[dict[str, Any]]:
+def _how_many(answers: IKSolutions, shown: int) -> str:
+    """How many answers there are, and whether they are all."""
+    found, inside = int(answers.count), int(answers.within_limits.sum())
+    if not bool(answers.complete):
+        return f"{found} found by iteration; there may be others"
+    others = f", {found - inside} outside the joint limits" if found > inside else ""
+    hidden = " (--all shows them)" if found > shown else ""
+    return f"{found} in all{others}{hidden}"
+
+
+def _records(answers: IKSolutions, *, outside: bool) -> list[dict[str, Any]]:
+    labels, margin = answers.labels, answers.limit_margin
     return [
         {
             "q": answers.q[k].tolist(),
+            "branch": str(labels[k]),
             "position_error": float(answers.position_error[k]),
             "rotation_error": float(answers.rotation_error[k]),
             "within_limits": bool(answers.within_limits[k]),
+            "limit_margin": float(margin[k]),
         }
         for k in range(len(answers.valid))
-        if answers.valid[k]
+        if answers.valid[k] and (outside or answers.within_limits[k])
     ]
 
 
@@ -124,7 +150,16 @@ def _blocks(
     import numpy as np
 
     scale = np.where(turning(robot), np.degrees(1.0), 1.0) if degrees else np.ones(robot.dof)
-    labels = [*robot.joint_names, "position error [m]", "rotation error [rad]", "joint limits"]
+    unit = "deg" if degrees else "rad"
+    named = any(record["branch"] for record in records)
+    labels = [
+        *robot.joint_names,
+        "position error [m]",
+        "rotation error [rad]",
+        "joint limits",
+        f"margin to limits [{unit}]",
+        *(_BRANCH_ROWS if named else ()),
+    ]
     columns = [
         [
             str(index),
@@ -132,6 +167,8 @@ def _blocks(
             f"{record['position_error']:.1e}",
             f"{record['rotation_error']:.1e}",
             "inside" if record["within_limits"] else "outside",
+            _margin(robot, record, degrees=degrees),
+            *(_branch_cells(record["branch"]) if named else ()),
         ]
         for index, record in enumerate(records, start=1)
     ]
@@ -141,3 +178,25 @@ def _blocks(
         block = columns[first : first + across]
         rows = [[label, *(column[k] for column in block)] for k, label in enumerate(labels, start=1)]
         yield ["answer", *(">" + column[0] for column in block)], rows
+
+
+def _margin(robot: Arm, record: dict[str, Any], *, degrees: bool) -> str:
+    """The distance to the nearest limit, named with its unit when it is that of a slide; ``-`` without limits."""
+    import numpy as np
+
+    gaps = np.minimum(np.array(record["q"]) - robot.limits[:, 0], robot.limits[:, 1] - np.array(record["q"]))
+    joint = int(np.argmin(gaps))
+    if not np.isfinite(gaps[joint]):
+        return "-"
+    if not turning(robot)[joint]:
+        return f"{number(float(gaps[joint]), 4)} m"
+    return number(float(np.degrees(gaps[joint]) if degrees else gaps[joint]), 2 if degrees else 4)
+
+
+def _branch_cells(branch: str) -> list[str]:
+    """A label by its parts, one for each row of `_BRANCH_ROWS`."""
+    parts = branch.split(", ")
+    elbow = [part.removeprefix("elbow ") for part in parts if part.startswith("elbow ")]
+    wrist = [part for part in parts if part in ("flip", "no flip")]
+    rest = [part for part in parts if not part.startswith("elbow ") and part not in ("flip", "no flip")]
+    return [part[0] if part else "" for part in (rest, elbow, wrist)]

@@ -22,6 +22,8 @@ def info(
     as_json: Json = False,
 ) -> int:
     """Print the joints of an arm, their limits, Denavit-Hartenberg rows, screws, reach and structure."""
+    from dataclasses import asdict
+
     from pieper.ik.family import find_family
     from pieper.kinematics.reach import reach
     from pieper.model import dh
@@ -44,6 +46,7 @@ def info(
                 "home": chain.home,
                 "reach": {"from_base": far.from_base, "from_first_axis": far.from_first_axis},
                 "structure": {"has_closed_form": family.has_closed_form, "reason": family.reason},
+                "inverse_kinematics": asdict(robot.ik_info),
             }
         )
         return 0
@@ -54,7 +57,8 @@ def info(
         f"{number(far.from_first_axis, 3)} m from the first axis",
         markup=False,
     )
-    out.print(f"structure  {family.reason}\n", markup=False)
+    out.print(f"structure  {family.reason}", markup=False)
+    out.print(f"inverse kinematics  {robot.ik_info}\n", markup=False)
     _print_joints(out, robot)
     _print_dh(out, rows)
     _print_screws(out, robot)

@@ -67,6 +67,11 @@ class Wanted:
         """True when nothing is asked of the orientation."""
         return self.rpy is None and self.quaternion is None and self.axis is None
 
+    @property
+    def is_whole(self) -> bool:
+        """True when position and orientation are asked for."""
+        return self.rpy is not None or self.quaternion is not None
+
     def record(self) -> dict[str, Any]:
         """The same for JSON; what was not asked for is null."""
         return {"position": self.position, "rpy": self.rpy, "quaternion_xyzw": self.quaternion, "axis": self.axis}

@@ -128,6 +128,11 @@ class GeneralSolutions:
 _prepared: WeakKeyDictionary[Chain, General6R] = WeakKeyDictionary()
 
 
+def fits(chain: Chain) -> bool:
+    """True when the general solver takes this arm."""
+    return not chain.is_coupled and len(chain.screws) == 6 and bool(chain.is_revolute.all())
+
+
 def prepare(chain: Chain) -> General6R:
     """The constants of an arm, measured and kept as long as the chain lives; a few milliseconds the first time.
 
@@ -145,7 +150,7 @@ def prepare(chain: Chain) -> General6R:
     kept = _prepared.get(chain)
     if kept is not None:
         return kept
-    if chain.is_coupled or len(chain.screws) != 6 or not chain.is_revolute.all():
+    if not fits(chain):
         turning = int(chain.is_revolute.sum())
         raise ArrayError(
             f"the general solver takes six revolute joints without mimic joints; {chain.name!r} has {len(chain.screws)} "

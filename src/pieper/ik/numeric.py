@@ -24,13 +24,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pieper.errors import ArrayError
+from pieper.ik.question import seeds
 from pieper.ik.solutions import IKSolutions, Nearest
 from pieper.ik.target import Target
-from pieper.kinematics.joints import as_joints
 from pieper.spatial._checks import FloatArray, poses
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from pieper.model.chain import Chain
 
@@ -113,20 +113,16 @@ def solve_numeric(
         raise ArrayError(
             f"the numeric solver takes chains with 1 to {MOST_AXES} axes, {chain.name!r} has {len(chain.screws)}"
         )
-    if not (_is_positive(position_tolerance) and _is_positive(rotation_tolerance)):
-        raise ArrayError(
-            f"tolerances must be positive numbers [m] and [rad], got {position_tolerance!r} and {rotation_tolerance!r}"
-        )
+    require_tolerances(position_tolerance, rotation_tolerance)
     if _is_positive(count) and count > MOST_ANSWERS:
         raise ArrayError(f"count must be at most {MOST_ANSWERS}, got {count}")
     options = (position_tolerance, rotation_tolerance, restarts, iterations, count, _DISTINCT, threads)
     try:
         result = chain.native.solve_numeric(T, seed, rows, *options)
     except TypeError:  # not plain arrays of the right shape: convert them, or say what is wrong
-        for name, value in (("restarts", restarts), ("iterations", iterations), ("count", count), ("threads", threads)):
-            _require_count(value, name)
+        require_counts(restarts=restarts, iterations=iterations, count=count, threads=threads)
         T = np.ascontiguousarray(poses(T, "T_base_tip"))
-        seed = None if seed is None else _seeds(chain, seed, T.shape[:-2])
+        seed = None if seed is None else seeds(chain, seed, T.shape[:-2])
         result = chain.native.solve_numeric(T, seed, rows, *options)
     q, position_error, rotation_error, valid, within_limits, near, near_position, near_rotation, status, missed = result
     out_of_reach = near_position
@@ -140,9 +136,10 @@ def solve_numeric(
         position_error=position_error,
         rotation_error=rotation_error,
         within_limits=within_limits,
+        branch=np.full(valid.shape, -1, dtype=np.int8),
         status=status,
-        nearest=Nearest(near, near_position, near_rotation, out_of_reach),
-        complete=False,
+        complete=np.zeros(status.shape, dtype=bool),
+        find_nearest=lambda _: Nearest(near, near_position, near_rotation, out_of_reach),
         position_tolerance=position_tolerance,
         rotation_tolerance=rotation_tolerance,
     )
@@ -170,21 +167,18 @@ def _is_positive(value: object) -> bool:
     return isinstance(value, (float, int, np.floating, np.integer)) and bool(0.0 < value < np.inf)
 
 
-def _require_count(value: object, name: str) -> None:
-    try:
-        number = operator.index(value)  # type: ignore[arg-type]
-    except TypeError:
-        number = 0
-    if number < 1:
-        raise ArrayError(f"{name} must be a whole number of at least 1, got {value!r}")
+def require_tolerances(position: object, rotation: object) -> None:
+    """Raises ArrayError unless both are positive numbers."""
+    if not (_is_positive(position) and _is_positive(rotation)):
+        raise ArrayError(f"tolerances must be positive numbers [m] and [rad], got {position!r} and {rotation!r}")
 
 
-def _seeds(chain: Chain, seed: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Seeds as an array with the leading axes of the targets."""
-    values = as_joints(chain, seed, name="seed")
-    try:
-        return np.ascontiguousarray(np.broadcast_to(values, (*shape, chain.dof)))
-    except ValueError:
-        raise ArrayError(
-            f"seed must have shape (..., {chain.dof}) with leading axes that broadcast to {shape}, got {values.shape}"
-        ) from None
+def require_counts(**counts: object) -> None:
+    """Raises ArrayError, with the name of the argument, unless each is a whole number of at least 1."""
+    for name, value in counts.items():
+        try:
+            number = operator.index(value)  # type: ignore[arg-type]
+        except TypeError:
+            number = 0
+        if number < 1:
+            raise ArrayError(f"{name} must be a whole number of at least 1, got {value!r}")

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pieper.errors import ArrayError
-from pieper.kinematics.joints import as_joints
+from pieper.kinematics.joints import as_joints, periodic_joints
 from pieper.spatial._checks import FloatArray, stack
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from pieper.ik.solutions import IKSolutions
     from pieper.model.chain import Chain
@@ -113,24 +113,17 @@ def nearest(answers: IKSolutions, q: ArrayLike, *, weights: ArrayLike | None = N
     wanted = np.round((here[..., None, :] - answers.q) / _TURN)
     none_inside = highest < lowest
     turns = np.where(none_inside, wanted, np.clip(wanted, lowest, np.maximum(lowest, highest)))
-    copies = answers.q + _TURN * np.where(_turning(chain), turns, 0.0)
+    copies = answers.q + _TURN * np.where(periodic_joints(chain), turns, 0.0)
     distance = np.linalg.norm(scale * (copies - here[..., None, :]), axis=-1)
     best = np.argmin(np.where(answers.valid, distance, np.inf), axis=-1)
     chosen = np.take_along_axis(copies, best[..., None, None], axis=-2)[..., 0, :]
     return np.asarray(np.where(answers.reached[..., None], chosen, np.nan))
 
 
-def _turning(chain: Chain) -> NDArray[np.bool_]:
-    """(n,) mask of the joints that a whole turn brings back to where they were."""
-    moves = chain.coupling != 0.0
-    whole = np.all(~moves | (chain.is_revolute[:, None] & (chain.coupling == np.round(chain.coupling))), axis=0)
-    return np.asarray(whole & moves.any(axis=0))
-
-
 def _whole_turns(q: FloatArray, chain: Chain) -> tuple[FloatArray, FloatArray]:
     """Least and greatest number of turns to add that keep each joint inside its limits; 0 for joints that slide."""
     lower, upper = chain.limits.T
-    turning = _turning(chain)
+    turning = periodic_joints(chain)
     with np.errstate(invalid="ignore"):
         lowest = np.where(turning, np.ceil((lower - q) / _TURN), 0.0)
         highest = np.where(turning, np.floor((upper - q) / _TURN), 0.0)

@@ -13,6 +13,10 @@ from pieper._native import kernels
 from pieper.errors import ArrayError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from numpy.typing import ArrayLike
+
     from pieper.model.chain import Chain
 
 FloatArray = NDArray[np.float64]
@@ -25,12 +29,16 @@ EXACT = 1e-10
 class Status(IntEnum):
     """How a target ended."""
 
-    reached = kernels.NumericStatus.reached.value
-    """At least one answer is valid."""
-    unreachable = kernels.NumericStatus.unreachable.value
-    """No answer: every start came to rest elsewhere, and `IKSolutions.nearest` is the best of them."""
+    reached = kernels.AnswerStatus.reached.value
+    """At least one answer is inside the joint limits."""
+    unreachable = kernels.AnswerStatus.unreachable.value
+    """No answer. Where the method is complete there is none; else every start came to rest elsewhere."""
     not_converged = kernels.NumericStatus.not_converged.value
     """No answer, and the nearest pose found was still getting nearer when the solver stopped."""
+    outside_limits = kernels.AnswerStatus.outside_limits.value
+    """There are answers, but each violates a joint limit."""
+    malformed = 4
+    """The target of this row of a batch is no pose: `IKSolutions.reasons` tells what is wrong with it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +63,13 @@ class Nearest:
     out_of_reach: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, slots=True)
 class IKSolutions:
     """Up to k answers for every target, each judged by itself.
+
+    Answers inside the joint limits come first; among them the one nearest to the seed or, without a seed, the one of the
+    lowest branch. Each joint that turns is given as the copy nearest to the seed (or to the middle of its limits) that its
+    limits allow; `copies` lists the others.
 
     Attributes
     ----------
@@ -71,14 +83,23 @@ class IKSolutions:
         Measured at the pose that forward kinematics gives for the answer, over the rows that count [m] and [rad].
     within_limits : (..., k) bool array
         True for a valid answer inside the joint limits.
+    branch : (..., k) int array
+        Number of the branch, an index into ``branch_names``; -1 where branches have no names. See `labels`.
     status : (...) int array
         A `Status` for every target.
-    nearest : Nearest
-        The nearest pose where there is no answer. Never among the answers.
-    complete : bool
-        True when the method lists every answer that there is; a numeric solver finds some.
+    complete : (...) bool array
+        True where every isolated answer that there is has been listed.
+    find_nearest : callable
+        Finds the nearest poses of these answers. Called once, by `nearest`.
     position_tolerance, rotation_tolerance : float
         What `valid` was judged by [m] and [rad].
+    branch_names : tuple of str
+        What the branches are called, as in ``"front, elbow up, no flip"``; empty where they have no names.
+    free : (...) int array or int
+        Number of directions in which answers can be moved without leaving the target: 0 for isolated answers; else the answers
+        are samples of a continuum.
+    malformed : mapping or None
+        What is wrong with the targets of status `Status.malformed`, by index.
     """
 
     chain: Chain
@@ -87,11 +108,35 @@ class IKSolutions:
     position_error: FloatArray
     rotation_error: FloatArray
     within_limits: BoolArray
+    branch: NDArray[np.int8]
     status: NDArray[np.int8]
-    nearest: Nearest
-    complete: bool
+    complete: BoolArray
+    find_nearest: Callable[[IKSolutions], Nearest]
     position_tolerance: float
     rotation_tolerance: float
+    branch_names: tuple[str, ...] = ()
+    free: int = 0
+    malformed: Mapping[tuple[int, ...], str] | None = None
+    _nearest: Nearest | None = None
+
+    @property
+    def nearest(self) -> Nearest:
+        """The nearest poses within limits, for targets that were not reached. Never among the answers; found when first asked for."""
+        if self._nearest is None:
+            self._nearest = self.find_nearest(self)
+        return self._nearest
+
+    @property
+    def labels(self) -> NDArray[Any]:
+        """(..., k) object array: the branch of each answer in words, ``""`` where it has none."""
+        names = np.array([*self.branch_names, ""], dtype=object)
+        return np.asarray(names[self.branch])
+
+    @property
+    def limit_margin(self) -> FloatArray:
+        """(..., k): how far the joint nearest to one of its limits is away from it [rad or m]; negative outside, NaN where invalid."""
+        lower, upper = self.chain.limits.T
+        return np.asarray(np.minimum(self.q - lower, upper - self.q).min(axis=-1))
 
     @property
     def exact(self) -> BoolArray:
@@ -100,12 +145,12 @@ class IKSolutions:
 
     @property
     def reached(self) -> BoolArray:
-        """(...): True for targets with a valid answer."""
-        return np.asarray(self.valid.any(axis=-1))
+        """(...): True for targets with an answer inside the joint limits, which is then the first one."""
+        return np.asarray(self.within_limits.any(axis=-1))
 
     @property
     def count(self) -> NDArray[np.int64]:
-        """(...): number of valid answers."""
+        """(...): number of valid answers, inside limits or not."""
         return np.asarray(self.valid.sum(axis=-1))
 
     @property
@@ -125,12 +170,16 @@ class IKSolutions:
 
     def _reason(self, index: tuple[int, ...]) -> str:
         status = Status(int(self.status[index]))
+        if status is Status.malformed:
+            return (self.malformed or {})[index]
         if status is Status.reached:
             if not self.valid[index].any():
                 return "reached, but no answer is left: those that there were have been sorted out"
             best = int(np.argmax(self.valid[index]))
             position, rotation = self.position_error[index][best], self.rotation_error[index][best]
             return f"reached: {_left(float(position), float(rotation))} left"
+        if status is Status.outside_limits:
+            return f"reachable, but every solution violates {self._violation(index)}"
         near = self.nearest
         position, rotation = float(near.position_error[index]), float(near.rotation_error[index])
         left = f"the nearest pose found leaves {_left(position, rotation)}"
@@ -143,6 +192,62 @@ class IKSolutions:
         if not np.isnan(out):
             return f"the position is within reach, but not with this orientation; {left}"
         return f"out of reach; {left}"
+
+    def _violation(self, index: tuple[int, ...]) -> str:
+        """The joint that every answer violates, or else the least violation of all."""
+        lower, upper = self.chain.limits.T
+        q = self.q[index][self.valid[index]]
+        excess = np.maximum(lower - q, q - upper)
+        always = np.flatnonzero((excess > 0.0).all(axis=0))
+        if always.size:
+            joint = int(always[np.argmax(excess[:, always].min(axis=0))])
+            return f"{self.chain.joint_names[joint]}: nearest limit {self._amount(joint, float(excess[:, joint].min()))} away"
+        worst = excess.max(axis=1)
+        answer = int(np.argmin(worst))
+        joint = int(np.argmax(excess[answer]))
+        return f"a limit; the least is {self.chain.joint_names[joint]} by {self._amount(joint, float(worst[answer]))}"
+
+    def _amount(self, joint: int, value: float) -> str:
+        turns = (self.chain.coupling[:, joint] != 0.0) & self.chain.is_revolute
+        return f"{np.degrees(value):.3g} deg" if turns.any() else f"{value:.3g} m"
+
+    def copies(self, *, seed: ArrayLike | None = None) -> Iterator[FloatArray]:
+        """Every copy of every answer by whole turns that is inside the limits, nearest first; for one target.
+
+        Parameters
+        ----------
+        seed : (n,) array, optional
+            Joint values to be near to [rad or m]; the middle of the limits when not given.
+
+        Yields
+        ------
+        (n,) array
+            Joint values [rad or m]. Joints without limits are given once, as the copy nearest to the seed.
+
+        Raises
+        ------
+        ArrayError
+            For a batch, or a malformed seed.
+
+        Notes
+        -----
+        Made one at a time: an arm whose six joints can turn twice has 64 copies of each answer.
+
+        Examples
+        --------
+        >>> from pieper.ik.solve import solve
+        >>> from pieper.kinematics.fk import fk
+        >>> from pieper.model import catalog
+        >>> arm = catalog.describe("ur5e").chain()
+        >>> answers = solve(arm, fk(arm, [0.1, -1.2, 1.4, -1.7, -1.5, 0.3]))
+        >>> sum(1 for _ in answers.copies())
+        256
+        """
+        from pieper.ik.copies import copies_of
+
+        if self.status.ndim:
+            raise ArrayError(f"copies are for one target; this holds a batch of shape {self.status.shape}")
+        return copies_of(self.chain, self.q[self.valid], seed)
 
     def __str__(self) -> str:
         if self.status.ndim:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
-from pieper.ik.numeric import solve_numeric
+from pieper.ik.solver import Solver
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -13,19 +14,17 @@ if TYPE_CHECKING:
     from pieper.ik.target import Target
     from pieper.model.chain import Chain
 
+_solvers: WeakKeyDictionary[Chain, Solver] = WeakKeyDictionary()
 
-def solve(
-    chain: Chain,
-    target: ArrayLike | Target,
-    *,
-    seed: ArrayLike | None = None,
-    position_tolerance: float = 1e-9,
-    rotation_tolerance: float = 1e-9,
-    restarts: int = 512,
-    count: int = 1,
-    threads: int = 1,
-) -> IKSolutions:
-    """Joint values that bring the tip to a target.
+
+def solver(chain: Chain) -> Solver:
+    """The solver of a chain, made once (a few milliseconds) and kept as long as the chain lives."""
+    kept = _solvers.get(chain)
+    return kept if kept is not None else _solvers.setdefault(chain, Solver(chain))
+
+
+def solve(chain: Chain, target: ArrayLike | Target, *, seed: ArrayLike | None = None, **options: Any) -> IKSolutions:
+    """Joint values that bring the tip to a target: every solution where the arm allows it.
 
     Parameters
     ----------
@@ -34,20 +33,26 @@ def solve(
         Poses ``T_base_tip`` [m, -], or what `pieper.ik.target` makes of one: position only, position and one axis,
         chosen components.
     seed : (..., n) array, optional
-        Joint values to start from [rad or m], tried first and alone: the answer that grows out of them wins.
+        Joint values to be near to [rad or m]: answers are sorted by their distance from it, and joints that turn are given as
+        the copy nearest to it. A solver that iterates starts there.
+    method : {"closed form", "general", "numeric"}, optional
+        Instead of the one that suits the arm.
+    count : int, optional
+        Answers to return at most. All when not given; one from a solver that iterates.
+    mode : {"fast", "checked", "complete"}
+        How hard the general solver looks, see `pieper.ik.general_6r.solve_general_6r`.
     position_tolerance, rotation_tolerance : float
-        What counts as reached [m] and [rad].
+        What counts as reached [m] and [rad]; 1e-9 when not given.
     restarts : int
-        Starting points before giving up.
-    count : int
-        Distinct answers to look for, ``k`` of the result.
+        Starting points before a solver that iterates gives up; 512 when not given.
     threads : int
-        Number of threads for a batch.
+        Number of threads for a batch; the answers do not depend on it.
 
     Returns
     -------
     IKSolutions
-        Out of reach is a result, with the nearest pose and its distance.
+        Out of reach is a result, with the nearest pose and its distance. In a batch a target that is no pose has the
+        status ``malformed``, and the others are solved.
 
     Raises
     ------
@@ -56,23 +61,22 @@ def solve(
 
     Notes
     -----
-    Every chain is solved by `pieper.ik.numeric` so far, which finds answers within limits but does not list all.
+    The method follows from the joint axes: `pieper.ik.closed_form` where they have a structure that allows it, else
+    `pieper.ik.general_6r` for six revolute joints, else `pieper.ik.numeric`, which finds some answers. What a closed form of
+    rounded numbers calls doubtful is solved a second time by the general solver.
 
     Examples
     --------
-    >>> from pieper.ik.target import ignore_orientation
+    >>> from pieper.kinematics.fk import fk
     >>> from pieper.model import catalog
     >>> arm = catalog.describe("mh12").chain()
+    >>> answers = solve(arm, fk(arm, [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]))
+    >>> int(answers.count), bool(answers.complete)
+    (4, True)
+    >>> answers.labels[0], answers.q[0].round(6)
+    ('front, elbow up, no flip', array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6]))
+    >>> from pieper.ik.target import ignore_orientation
     >>> print(solve(arm, ignore_orientation([3.0, 0.0, 0.45])).reason)
     out of reach by 1.46 m; the nearest pose found leaves 1.46 m
     """
-    return solve_numeric(
-        chain,
-        target,
-        seed=seed,
-        position_tolerance=position_tolerance,
-        rotation_tolerance=rotation_tolerance,
-        restarts=restarts,
-        count=count,
-        threads=threads,
-    )
+    return solver(chain).solve(target, seed, **options)

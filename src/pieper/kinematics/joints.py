@@ -69,3 +69,10 @@ def as_out(out: object, shape: tuple[int, ...]) -> NDArray[np.float64]:
     if not (out.flags.c_contiguous and out.flags.writeable):
         raise ArrayError("out must be C-contiguous and writeable")
     return out
+
+
+def periodic_joints(chain: Chain) -> NDArray[np.bool_]:
+    """(n,) mask of the joints that a whole turn brings back to where they were."""
+    moves = chain.coupling != 0.0
+    whole = np.all(~moves | (chain.is_revolute[:, None] & (chain.coupling == np.round(chain.coupling))), axis=0)
+    return np.asarray(whole & moves.any(axis=0))

@@ -1,0 +1,206 @@
+#include "pieper/answers.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "chain.hpp"
+#include "pieper/general_6r.hpp"
+#include "pieper/kernels.hpp"
+
+namespace pieper::bind {
+namespace {
+
+constexpr const char* answers_type =
+    "tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], "
+    "numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], "
+    "numpy.typing.NDArray[numpy.int8], numpy.typing.NDArray[numpy.int8]";
+
+constexpr const char* complete_type = ", numpy.typing.NDArray[numpy.bool_], int, int]";
+
+// A C-contiguous buffer of signed bytes.
+class Bytes {
+ public:
+  Bytes(nb::handle object, const char* what) {
+    if (PyObject_GetBuffer(object.ptr(), &view_, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) != 0) {
+      PyErr_Clear();
+      not_plain(what);
+    }
+    if (view_.itemsize == 1) return;
+    PyBuffer_Release(&view_);
+    not_plain(what);
+  }
+  ~Bytes() { PyBuffer_Release(&view_); }
+  Bytes(const Bytes&) = delete;
+  Bytes& operator=(const Bytes&) = delete;
+  const signed char* data() const { return static_cast<const signed char*>(view_.buf); }
+  std::size_t count() const { return static_cast<std::size_t>(view_.len); }
+
+ private:
+  Py_buffer view_{};
+};
+
+bool is_positive(double x) { return x > 0 && std::isfinite(x); }
+
+// Targets and seeds as every method here takes them.
+struct Question {
+  Input T;
+  std::optional<Input> starts;
+
+  Question(const NativeChain& self, nb::handle targets, nb::handle seeds, const AnswerOptions& options,
+           std::size_t threads)
+      : T(targets, {4, 4}, "targets") {
+    T.require_finite();
+    if (threads == 0) not_plain("threads");
+    if (!is_positive(options.position_tolerance) || !is_positive(options.rotation_tolerance)) not_plain("tolerances");
+    if (!all_poses(T.data(), T.count())) not_plain("targets");
+    if (seeds.is_none()) return;
+    starts.emplace(seeds, std::initializer_list<std::size_t>{self.chain.joints()}, "seeds");
+    starts->require_within(largest_joint_value);
+    if (starts->count() != T.count()) not_plain("seeds");
+  }
+  const double* seeds() const { return starts ? starts->data() : nullptr; }
+};
+
+// New arrays for the answers to some targets.
+class Outcome {
+ public:
+  Outcome(const Input& T, std::size_t slots, std::size_t n)
+      : slots_(slots),
+        q_(T.leading(), {slots, n}, nb::none()),
+        position_(T.leading(), {slots}, nb::none()),
+        rotation_(T.leading(), {slots}, nb::none()),
+        valid_(T.leading(), {slots}, "?"),
+        within_(T.leading(), {slots}, "?"),
+        branch_(T.leading(), {slots}, "b"),
+        status_(T.leading(), {}, "b") {}
+  Answers answers() const {
+    return {slots_,        q_.data(),      position_.data(), rotation_.data(),
+            valid_.data(), within_.data(), branch_.data(),   status_.data()};
+  }
+  nb::object alone() const {
+    return nb::make_tuple(q_.array(), valid_.array(), position_.array(), rotation_.array(), within_.array(),
+                          branch_.array(), status_.array());
+  }
+  // With what was doubtful, which becomes what is complete, and counts.
+  nb::object with(std::size_t count, const NewArray<bool>& doubtful) const {
+    std::size_t doubts = 0, missed = 0;
+    for (std::size_t i = 0; i < count; ++i) {
+      doubts += doubtful.data()[i];
+      doubtful.data()[i] = !doubtful.data()[i];
+      missed += status_.data()[i] != static_cast<signed char>(AnswerStatus::reached);
+    }
+    return nb::make_tuple(q_.array(), valid_.array(), position_.array(), rotation_.array(), within_.array(),
+                          branch_.array(), status_.array(), doubtful.array(), doubts, missed);
+  }
+
+ private:
+  std::size_t slots_;
+  Output q_, position_, rotation_;
+  NewArray<bool> valid_, within_;
+  NewArray<signed char> branch_, status_;
+};
+
+}  // namespace
+
+void bind_answers(nb::module_& module, nb::class_<NativeChain>& chain) {
+  nb::enum_<AnswerStatus>(module, "AnswerStatus")
+      .value("reached", AnswerStatus::reached)
+      .value("unreachable", AnswerStatus::unreachable)
+      .value("outside_limits", AnswerStatus::outside_limits);
+  static const std::string closed_form_type =
+      std::string(
+          "def answer_by_closed_form(self, form: ClosedForm, targets: object, seeds: object, "
+          "position_tolerance: float, rotation_tolerance: float, threads: int) -> ") +
+      answers_type + complete_type;
+  chain.def(
+      "answer_by_closed_form",
+      [](const NativeChain& self, const ClosedForm& form, nb::handle targets, nb::handle seeds,
+         double position_tolerance, double rotation_tolerance, std::size_t threads) {
+        const std::size_t n = form.joints;
+        if (self.chain.joints() != n || self.chain.axes() != n || self.chain.coupled()) not_plain("form");
+        const AnswerOptions options{position_tolerance, rotation_tolerance};
+        const Question question(self, targets, seeds, options, threads);
+        const Outcome out(question.T, closed_form_branches, n);
+        const NewArray<bool> doubtful(question.T.leading(), {}, "?");
+        without_lock(question.T.count(), [&] {
+          answer_by_closed_form(self.chain, form, question.T.data(), question.seeds(), question.T.count(), options,
+                                threads, out.answers(), doubtful.data());
+        });
+        return out.with(question.T.count(), doubtful);
+      },
+      nb::arg("form"), nb::arg("targets"), nb::arg("seeds").none(), nb::arg("position_tolerance"),
+      nb::arg("rotation_tolerance"), nb::arg("threads"), nb::sig(closed_form_type.c_str()),
+      "Joints (..., 8, n) for poses (..., 4, 4) in the order of their use, valid, position_error, rotation_error, "
+      "within_limits, branch (..., 8), status and complete (...); how many are not complete, and how many were not "
+      "reached.");
+  static const std::string polynomial_type =
+      std::string(
+          "def answer_by_polynomial(self, solver: NativeGeneral6R, mode: GeneralMode, targets: object, "
+          "seeds: object, position_tolerance: float, rotation_tolerance: float, threads: int) -> ") +
+      answers_type + complete_type;
+  chain.def(
+      "answer_by_polynomial",
+      [](const NativeChain& self, const General6R& solver, GeneralMode mode, nb::handle targets, nb::handle seeds,
+         double position_tolerance, double rotation_tolerance, std::size_t threads) {
+        if (!General6R::fits(self.chain)) not_plain("solver");
+        const AnswerOptions options{position_tolerance, rotation_tolerance};
+        const Question question(self, targets, seeds, options, threads);
+        const std::size_t count = question.T.count();
+        const Outcome out(question.T, most_solutions, self.chain.joints());
+        const NewArray<bool> doubtful(question.T.leading(), {}, "?");
+        without_lock(2 * count, [&] {
+          const Answers answers = out.answers();
+          std::vector<int> flags(count);
+          solver.solve(question.T.data(), count, mode, threads,
+                       {answers.q, answers.position_error, answers.rotation_error, answers.valid, flags.data()});
+          for (std::size_t i = 0; i < count; ++i) doubtful.data()[i] = (flags[i] & solve_doubtful) != 0;
+          arrange(self.chain, question.T.data(), question.seeds(), count, options, answers);
+        });
+        return out.with(count, doubtful);
+      },
+      nb::arg("solver"), nb::arg("mode"), nb::arg("targets"), nb::arg("seeds").none(), nb::arg("position_tolerance"),
+      nb::arg("rotation_tolerance"), nb::arg("threads"), nb::sig(polynomial_type.c_str()),
+      "As answer_by_closed_form, with (..., 16) places and without branches.");
+  static const std::string arrange_type =
+      std::string(
+          "def arrange(self, q: object, position_error: object, rotation_error: object, branch: object, "
+          "targets: object, seeds: object, position_tolerance: float, rotation_tolerance: float) -> ") +
+      answers_type + "]";
+  chain.def(
+      "arrange",
+      [](const NativeChain& self, nb::handle found, nb::handle position_error, nb::handle rotation_error,
+         nb::handle branches, nb::handle targets, nb::handle seeds, double position_tolerance,
+         double rotation_tolerance) {
+        AnswerOptions options{position_tolerance, rotation_tolerance};
+        const Question question(self, targets, seeds, options, 1);
+        const Input& T = question.T;
+        const std::size_t n = self.chain.joints();
+        const Input before(found, {n}, "q");
+        const std::size_t all = before.count(), k = T.count() > 0 ? all / T.count() : 0;
+        const Input position_before(position_error, {}, "position_error"),
+            rotation_before(rotation_error, {}, "rotation_error");
+        const Bytes branches_before(branches, "branch");
+        if (k * T.count() != all || position_before.count() != all || rotation_before.count() != all ||
+            branches_before.count() != all)
+          not_plain("q");
+        const Outcome out(T, k, n);
+        const Answers answers = out.answers();
+        std::copy_n(before.data(), all * n, answers.q);
+        std::copy_n(position_before.data(), all, answers.position_error);
+        std::copy_n(rotation_before.data(), all, answers.rotation_error);
+        std::fill_n(answers.valid, all, true);
+        options.branches = branches_before.data();
+        arrange(self.chain, T.data(), question.seeds(), T.count(), options, answers);
+        return out.alone();
+      },
+      nb::arg("q"), nb::arg("position_error"), nb::arg("rotation_error"), nb::arg("branch"), nb::arg("targets"),
+      nb::arg("seeds").none(), nb::arg("position_tolerance"), nb::arg("rotation_tolerance"),
+      nb::sig(arrange_type.c_str()),
+      "Joints (..., k, n) that were found for poses (..., 4, 4), with errors (..., k) that are NaN where there is none, "
+      "in the order of their use: as answer_by_closed_form, without complete and the counts.");
+}
+
+}  // namespace pieper::bind
