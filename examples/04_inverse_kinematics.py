@@ -11,16 +11,14 @@ q_now = np.array([0.0, -1.0, 1.0, -1.5, -1.5, 0.0])
 T_base_tip = arm.fk([0.1, -1.2, 1.4, -1.7, -1.5, 0.3])
 
 answers = arm.ik(T_base_tip, seed=q_now)
-print("A pose, starting from where the arm is")
-print(f"  q [rad]   {answers.q[0].round(6)}")
+print("A pose: every answer, the nearest to where the arm is first")
+print(f"  {arm.ik_info.structure}")
+for q, label, margin in zip(answers.q, answers.labels, answers.limit_margin, strict=True):
+    print(f"  {np.rad2deg(q).round(1)!s:50} deg   {label:26} {np.rad2deg(margin):5.1f} deg from the limits")
 print(f"  {answers.reason}")
 
-answers = arm.ik(T_base_tip, count=8)
-print(f"\nIts other answers: {answers.count} found")
-for q in answers.q[answers.valid]:
-    print(f"  q [deg]   {np.rad2deg(q).round(2)}")
-nearest = select.nearest(select.within_limits(answers, arm.chain), q_now)
-print(f"  nearest to the arm [deg]   {np.rad2deg(nearest).round(2)}")
+up = select.by_branch(answers, "front, elbow up")
+print(f"  of these, front and elbow up: {up.count}")
 
 print("\nLess than a pose")
 p = T_base_tip[:3, 3]

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pieper.errors import ArrayError
+from pieper.errors import ArrayError, PieperError
 from pieper.ik import select
 from pieper.ik.solutions import IKSolutions, Nearest, Status
 from pieper.ik.solve import solve
@@ -144,3 +144,27 @@ def test_all_of_a_real_arm():
 def test_says_what_is_wrong(q, options, message):
     with pytest.raises(ArrayError, match=message):
         select.nearest(answers_with(arm_with([[-1.0, 1.0]] * 2), [[0.0, 0.0]]), q, **options)
+
+
+def test_by_branch_keeps_what_the_words_say():
+    arm = chain("ur5e")
+    answers = solve(arm, fk(arm, [[0.1, -1.2, 1.4, -1.7, -1.5, 0.3], [0.4, -1.0, 1.1, -0.7, 1.5, 0.3]]))
+    back = select.by_branch(answers, "back")
+    assert back.valid.sum(axis=1).tolist() == [4, 4]
+    one = select.by_branch(back, "no flip, elbow down")
+    assert one.valid.sum(axis=1).tolist() == [1, 1]
+    for k in range(2):
+        (label,) = one.labels[k][one.valid[k]]
+        assert label == "back, elbow down, no flip"
+        assert np.isnan(one.q[k][~one.valid[k]]).all()
+    assert not select.by_branch(back, "front").valid.any()
+
+
+def test_by_branch_names_what_it_does_not_know():
+    arm = chain("ur5e")
+    answers = solve(arm, fk(arm, [0.1, -1.2, 1.4, -1.7, -1.5, 0.3]))
+    with pytest.raises(PieperError, match=r"no branch 'left' in the answers of 'ur5e'.*back"):
+        select.by_branch(answers, "left")
+    general = chain("fanuc_crx10ia")
+    with pytest.raises(PieperError, match="no branch 'front'"):
+        select.by_branch(solve(general, fk(general, [0.1] * 6)), "front")

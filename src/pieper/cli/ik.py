@@ -62,11 +62,10 @@ def ik(
     robot = load(arm, base=base, tip=tip, nominal=nominal)
     goal = wanted(x, y, z, rpy=rpy, quaternion=quaternion, axis=axis, degrees=degrees)
     start = None if seed is None else seed_values(robot, seed, degrees=degrees)
-    if count is None and (robot.ik_info.method == "numeric" or not goal.is_whole):
-        count = _SEARCHED
-    answers = robot.ik(goal.target(), start, count=count)
+    searches = robot.ik_info.method == "numeric" or not goal.is_whole
+    answers = robot.ik(goal.target(), start, count=(count or _SEARCHED) if searches else None)
     reached = bool(answers.reached)
-    records = _records(answers, outside=show_all or as_json)
+    records = _records(answers, outside=show_all or as_json)[:count]
     if as_json:
         print_json(
             {
@@ -123,8 +122,8 @@ def _how_many(answers: IKSolutions, shown: int) -> str:
     if not bool(answers.complete):
         return f"{found} found by iteration; there may be others"
     others = f", {found - inside} outside the joint limits" if found > inside else ""
-    hidden = " (--all shows them)" if found > shown else ""
-    return f"{found} in all{others}{hidden}"
+    hidden = f", {shown} shown" if found > shown else ""
+    return f"{found} in all{others}{hidden}" + (" (--all shows them)" if inside < found > shown else "")
 
 
 def _records(answers: IKSolutions, *, outside: bool) -> list[dict[str, Any]]:

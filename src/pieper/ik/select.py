@@ -1,7 +1,7 @@
-"""Choosing among answers: those within limits, and the one nearest to where the arm is.
+"""Choosing among answers: those within limits, those of a branch, and the one nearest to where the arm is.
 
-A joint that turns looks the same after a whole turn, so an answer stands for all its copies ``q + 2 pi k``. Both functions
-take the copy that suits.
+A joint that turns looks the same after a whole turn, so an answer stands for all its copies ``q + 2 pi k``.
+`within_limits` and `nearest` take the copy that suits.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pieper.errors import ArrayError
+from pieper.errors import ArrayError, unknown_name
 from pieper.kinematics.joints import as_joints, periodic_joints
 from pieper.spatial._checks import FloatArray, stack
 
@@ -54,14 +54,60 @@ def within_limits(answers: IKSolutions, chain: Chain | None = None) -> IKSolutio
     lower, upper = chain.limits.T
     with np.errstate(invalid="ignore"):
         inside = np.asarray(answers.valid & np.all((q >= lower) & (q <= upper), axis=-1))
+    return _keep(replace(answers, chain=chain, q=q, within_limits=inside), inside)
+
+
+def by_branch(answers: IKSolutions, branch: str) -> IKSolutions:
+    """The answers of a branch, as in ``"front, elbow up"``; the others are no longer valid.
+
+    Parameters
+    ----------
+    answers : IKSolutions
+    branch : str
+        Words of the labels, separated by commas: ``"front"``, ``"back"``, ``"elbow up"``, ``"elbow down"``, ``"flip"``, ``"no flip"``.
+        What is left out may be either.
+
+    Returns
+    -------
+    IKSolutions
+        Same shapes; NaN and ``valid`` False in the places of other branches.
+
+    Raises
+    ------
+    UnknownNameError
+        No branch of this arm has such a word, or its branches have no names.
+
+    Examples
+    --------
+    >>> from pieper.ik.solve import solve
+    >>> from pieper.kinematics.fk import fk
+    >>> from pieper.model import catalog
+    >>> arm = catalog.describe("ur5e").chain()
+    >>> answers = solve(arm, fk(arm, [0.1, -1.2, 1.4, -1.7, -1.5, 0.3]))
+    >>> chosen = by_branch(answers, "front, elbow up")
+    >>> [label for label in chosen.labels[chosen.valid]]
+    ['front, elbow up, no flip', 'front, elbow up, flip']
+    """
+    known = sorted({word for name in answers.branch_names if name for word in name.split(", ")})
+    wanted = [word.strip() for word in branch.split(",") if word.strip()]
+    for word in wanted:
+        if word not in known:
+            raise unknown_name("branch", word, known, f"the answers of {answers.chain.name!r}")
+    fits = np.array([bool(name) and set(wanted) <= set(name.split(", ")) for name in answers.branch_names] + [False])
+    kept = np.asarray(answers.valid & fits[answers.branch])
+    return _keep(answers, kept)
+
+
+def _keep(answers: IKSolutions, kept: NDArray[np.bool_]) -> IKSolutions:
+    """Only some of the answers."""
     return replace(
         answers,
-        chain=chain,
-        q=np.where(inside[..., None], q, np.nan),
-        valid=inside,
-        within_limits=inside,
-        position_error=np.where(inside, answers.position_error, np.nan),
-        rotation_error=np.where(inside, answers.rotation_error, np.nan),
+        q=np.where(kept[..., None], answers.q, np.nan),
+        valid=kept,
+        within_limits=answers.within_limits & kept,
+        branch=np.where(kept, answers.branch, -1).astype(np.int8),
+        position_error=np.where(kept, answers.position_error, np.nan),
+        rotation_error=np.where(kept, answers.rotation_error, np.nan),
     )
 
 
