@@ -16,7 +16,7 @@ from pieper.kinematics.joints import as_joints, periodic_joints
 from pieper.spatial._checks import FloatArray, stack
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from pieper.ik.solutions import IKSolutions
     from pieper.model.chain import Chain
