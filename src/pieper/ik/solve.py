@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
-from weakref import WeakKeyDictionary
 
 from pieper.ik.solver import Solver
 
@@ -14,13 +13,12 @@ if TYPE_CHECKING:
     from pieper.ik.target import Target
     from pieper.model.chain import Chain
 
-_solvers: WeakKeyDictionary[Chain, Solver] = WeakKeyDictionary()
-
 
 def solver(chain: Chain) -> Solver:
-    """The solver of a chain, made once (a few milliseconds) and kept as long as the chain lives."""
-    kept = _solvers.get(chain)
-    return kept if kept is not None else _solvers.setdefault(chain, Solver(chain))
+    """The solver of a chain, made once (a few milliseconds) and kept with the chain, as long as that lives."""
+    # not in a dictionary with weak keys: the solver holds its chain, which would then never go
+    kept: Solver | None = vars(chain).get("_solver")
+    return kept if kept is not None else vars(chain).setdefault("_solver", Solver(chain))
 
 
 def solve(chain: Chain, target: ArrayLike | Target, *, seed: ArrayLike | None = None, **options: Any) -> IKSolutions:

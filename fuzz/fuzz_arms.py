@@ -1,0 +1,58 @@
+"""Coverage-guided fuzzing of inverse kinematics: arms whose axes coincide, are parallel, meet, or nearly so.
+
+    python fuzz/fuzz_arms.py -max_total_time=600 CORPUS_FOLDER
+
+Every answer has to give its pose back, judged by the textbook product of exponentials; an empty list that is called complete
+is one for a pose out of reach; nothing crashes, hangs or raises.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import atheris
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+with atheris.instrument_imports(include=["pieper"]):
+    from pieper.ik.solve import solver
+
+from tests.degenerate_arms import degenerate_arm
+from tests.reference import product_of_exponentials as textbook
+
+TOLERANCE = 1e-9 + 1e-12
+
+
+def errors(T: np.ndarray, target: np.ndarray) -> float:
+    """The larger one of distance [m] and angle [rad]."""
+    R = target[:3, :3].T @ T[:3, :3]
+    sine = np.linalg.norm([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    return max(float(np.linalg.norm(T[:3, 3] - target[:3, 3])), float(np.arctan2(sine, np.trace(R) - 1.0)))
+
+
+def one_input(raw: bytes) -> None:
+    """One arm and a few of its poses."""
+    data = atheris.FuzzedDataProvider(raw)
+    joints = data.ConsumeIntInRange(2, 6)
+    arm = degenerate_arm(
+        lambda k: data.ConsumeIntInRange(0, k - 1),
+        lambda: data.ConsumeFloatInRange(-1.0, 1.0),
+        joints,
+        slides=data.ConsumeBool(),
+    )
+    q = np.array([[data.ConsumeFloatInRange(-3.14, 3.14) for _ in range(joints)] for _ in range(3)])
+    q[1] = np.clip(np.round(q[1] / (np.pi / 4)) * (np.pi / 4), -np.pi, np.pi)
+    wanted = np.stack([textbook.fk(arm, x) for x in q])
+    answers = solver(arm).solve(wanted)
+    # an empty answer to a pose that the arm has taken must at least not be called complete
+    lost = answers.complete & ~answers.valid.any(axis=1)
+    assert not lost.any(), f"no answer for a pose of {arm.screws.tolist()}, {arm.home.tolist()}: {q.tolist()}"
+    for k, s in zip(*np.nonzero(answers.valid), strict=True):
+        assert errors(textbook.fk(arm, answers.q[k, s]), wanted[k]) <= TOLERANCE
+
+
+if __name__ == "__main__":
+    atheris.Setup(sys.argv, one_input)
+    atheris.Fuzz()
