@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
 from pieper.ik.closed_form import solve_closed_form
 from pieper.ik.family import Family, find_family
+from pieper.ik.solve import solver
 from pieper.kinematics.fk import fk
 from pieper.model.chain import Chain
 from pieper.spatial.rotation import from_rotation_vector
@@ -197,3 +200,29 @@ def test_rounded_random_arms_lose_nothing_unsaid(kind):
         assert answers.doubtful.mean() < 0.5
         solved += 1
     assert solved > 3
+
+
+@pytest.mark.parametrize("first", range(4))
+def test_three_parallel_axes_at_any_position_and_with_any_signs(first):
+    """In closed form at 2-3-4 and 3-4-5, by the polynomial at 1-2-3 and 4-5-6: the caller sees no difference."""
+    tried = 0
+    for signs in itertools.product([1.0, -1.0], repeat=2):
+        for seed in range(6):
+            rng = np.random.default_rng(seed)
+            w = rng.normal(size=(6, 3))
+            w /= np.linalg.norm(w, axis=-1, keepdims=True)
+            w[first + 1], w[first + 2] = signs[0] * w[first], signs[1] * w[first]
+            screws = np.hstack([np.cross(rng.uniform(-1, 1, (6, 3)), w), w])
+            home = np.eye(4)
+            home[:3, 3] = rng.uniform(-1, 1, 3)
+            arm = Chain("trio", screws, home, np.tile([-np.pi, np.pi], (6, 1)), tuple(f"q{i}" for i in range(6)))
+            if not well_posed(arm):
+                continue
+            prepared = solver(arm)
+            assert prepared.method == ("closed form" if first in (1, 2) else "general")
+            q = rng.uniform(-np.pi, np.pi, (100, 6))
+            answers = prepared.solve(fk(arm, q))
+            distance = np.abs(np.remainder(answers.q - q[:, None] + np.pi, 2 * np.pi) - np.pi).max(axis=-1)
+            assert (np.nanmin(distance, axis=1) < 1e-5).all(), (first, signs, seed)
+            tried += 1
+    assert tried > 10
