@@ -28,7 +28,9 @@ if TYPE_CHECKING:
 _LONGEST_STEP = 0.3  # [rad, or m in units of the size of the arm]
 _ARRIVED = 1e-13  # a step this small changes nothing more
 _CONVERGED = 1e-8  # one Newton step from here is within rounding
-_REGULAR = 1e-9  # singular values of J below this count as 0, so that their directions are free
+_REGULAR = (
+    1e-13  # squares of singular values of J below this, in units of the largest, count as 0: their directions are free
+)
 _LEAST_CURVATURE = 1e-6
 _NOT_DOWNHILL = -1e-6
 
@@ -124,14 +126,18 @@ def minimise(
     return Minima(q, converged, converged & minimum)
 
 
-def _step(rows: Rows, objective: Objective, fixed: NDArray[np.bool_] | None) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _step(
+    rows: Rows, objective: Objective, fixed: NDArray[np.bool_] | None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(B, n) Newton steps, the least curvature along the rows, and what is left of the rows."""
     J, gradient = rows.first, objective.first
     n = J.shape[-1]
     if fixed is not None:
         J, gradient = np.where(fixed[:, None, :], 0.0, J), np.where(fixed, 0.0, gradient)
     transposed = J.swapaxes(-1, -2)
-    inverse = np.linalg.inv(J @ transposed + _REGULAR**2 * np.eye(J.shape[-2]))
+    product = J @ transposed
+    size = np.maximum(np.trace(product, axis1=-2, axis2=-1), 1e-300)[:, None, None]
+    inverse = np.linalg.inv(product / size + _REGULAR * np.eye(J.shape[-2])) / size
     back = transposed @ inverse  # (B, n, m), the pseudo-inverse
     multipliers = (gradient[:, None, :] @ back)[:, 0]
     along = np.eye(n) - back @ J

@@ -24,12 +24,13 @@ function of q5 alone, which is sampled around its circle. Each of its least valu
 on all five joints. Where the tip lies on axis 5, q1 does not depend on q5, and the function has one least value for each q1.
 
 **Other arms with five joints** get a sixth, virtual joint about one of seven axes through the tip: every answer meets
-the position and misses the orientation by a turn about that axis alone. From there Newton's method goes downhill.
+the position and misses the orientation by a turn about that axis alone. From there, and from joint values spread evenly, Newton's
+method goes downhill.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -38,7 +39,7 @@ import numpy as np
 from pieper.errors import ArrayError
 from pieper.ik import constrained_newton as newton
 from pieper.ik.closed_form import solve_closed_form
-from pieper.ik.family import Family, find_family, size_of
+from pieper.ik.family import find_family, size_of
 from pieper.ik.numeric import solve_numeric
 from pieper.ik.target import Target, ignore_orientation
 from pieper.ik.virtual_joint import complete_method, extended
@@ -65,7 +66,7 @@ _ON_AXIS = 1e-9  # of the size of the arm
 _VIRTUAL = np.array(
     [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=np.float64
 )
-_STARTS = 48  # of other arms, for each target
+_STARTS, _NEAR_STARTS = 64, 16  # of other arms, for each target: spread evenly, and next to it
 _TURN = 2.0 * np.pi
 
 
@@ -96,20 +97,16 @@ class _Goal:
     R: FloatArray  # (N, 3, 3)
     axis_tip: FloatArray | None = None
 
-    @property
-    def direction(self) -> FloatArray:
-        return np.asarray(self.R @ self.axis_tip)
-
     def objective(self, state: newton.State) -> newton.Objective:
         if self.axis_tip is None:
             return newton.rotation_objective(state, self.R)
-        return newton.axis_objective(state, self.direction, self.axis_tip)
+        return newton.axis_objective(state, self.R @ self.axis_tip, self.axis_tip)
 
     def angles(self, R: FloatArray, which: NDArray[np.intp]) -> FloatArray:
         """(B,) angles that rotations R (B, 3, 3) leave to their targets."""
         if self.axis_tip is None:
             return _rotation.distance(R, self.R[which])
-        return angle_between(R @ self.axis_tip, self.direction[which])
+        return angle_between(R @ self.axis_tip, self.R[which] @ self.axis_tip)
 
 
 def project(chain: Chain, target: ArrayLike | Target) -> Projections:
@@ -178,7 +175,7 @@ def project(chain: Chain, target: ArrayLike | Target) -> Projections:
     answers = _collect(chain, goal, q, which, _MET * scale, _last_is_free(chain, axis))
     distance = _out_of_reach(chain, flat, answers[1])
     parts = [part.reshape(*shape, *part.shape[1:]) for part in (*answers, distance)]
-    return Projections(*parts, complete=geometric)
+    return Projections._make([*parts, geometric])
 
 
 def angle_between(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -267,8 +264,6 @@ _unlimited: WeakKeyDictionary[Chain, Chain] = WeakKeyDictionary()
 
 def _out_of_reach(chain: Chain, T: FloatArray, valid: BoolArray) -> FloatArray:
     """(N,) distances [m] by which positions are missed; 0 where there is an answer."""
-    from dataclasses import replace
-
     distance = np.zeros(len(T))
     missed = ~valid.any(axis=-1)
     if missed.any():
@@ -335,7 +330,7 @@ def _starts_from_geometry(chain: Chain, goal: _Goal) -> tuple[FloatArray, NDArra
     scale = size_of(chain)
     # where the last joint moves nothing that counts, one value of it is enough
     samples = 1 if _last_is_free(chain, goal.axis_tip) else _SAMPLES
-    q5 = np.arange(samples) * (_TURN / samples)
+    q5 = np.asarray(np.arange(samples) * (_TURN / samples), dtype=np.float64)
     c = _turned(arm.w5, q5, np.broadcast_to(chain.home[:3, 3] - arm.p5, (samples, 3))) + arm.p5  # (K, 3)
     # h . exp(s_1 q_1)^-1 p = h . c: a cos(q1 - middle) = d
     away = goal.p - arm.p1  # (N, 3)
@@ -392,9 +387,8 @@ def _starts_of_branches(
     inside = (np.abs(best) >= inner) & (np.abs(best) <= outer)
     kinds = [(best, inside)]
     for edge, real, outwards in ((outer, lowest > -1.0, 1.0), (inner, highest < 1.0, -1.0)):
-        for side in (1.0, -1.0):
-            # an end of an arc is a best place when going out of the arc would be better still
-            kinds.append((side * edge, real & (-outwards * side * np.sin(side * edge - best) > 0.0)))
+        # an end of an arc is a best place when going out of the arc would be better still
+        kinds += [(s * edge, real & (-outwards * s * np.sin(s * edge - best) > 0.0)) for s in (1.0, -1.0)]
     amplitude = np.hypot(cosine, sine)
     psi = np.stack([kind[0] for kind in kinds], axis=2)  # (N, F, 5, K)
     possible = np.stack([kind[1] for kind in kinds], axis=2) & reachable[:, :, None]
@@ -424,7 +418,7 @@ def _trace_terms(
     if goal.axis_tip is None:
         columns, wanted = chain.home[:3, :3].T, goal.R[which].swapaxes(-1, -2)  # rows are the columns of the rotations
     else:
-        columns, wanted = (chain.home[:3, :3] @ goal.axis_tip)[None], goal.direction[which][:, None]
+        columns, wanted = (chain.home[:3, :3] @ goal.axis_tip)[None], (goal.R[which] @ goal.axis_tip)[:, None]
     A = np.zeros(q1.shape)
     B, C = np.zeros(q1.shape), np.zeros(q1.shape)
     angles = np.where(np.isfinite(q1), q1, 0.0)
@@ -441,29 +435,36 @@ def _trace_terms(
 # Other arms
 
 
-def _starts_from_virtual_joints(
-    chain: Chain, T: FloatArray, goal: _Goal
-) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Joint values (B, 5) that meet the position, some of which are near the least angles, and the target of each."""
-    starts, targets = [], []
+def _starts_from_virtual_joints(chain: Chain, T: FloatArray, goal: _Goal) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Joint values (B, 5), of which those of virtual joints meet the position, and the target of each."""
+    starts, targets = [np.tile(spread_joints(chain, _STARTS), (len(T), 1))], [np.repeat(np.arange(len(T)), _STARTS)]
+    near, near_targets = [], []
     for axis in _VIRTUAL:
         method = complete_method(extended(chain, [axis.tolist()]))
         if method is None:
             break
         answers = method.solve(T)
-        at, _ = np.nonzero(answers.valid)
-        starts.append(answers.q[answers.valid][:, : chain.dof])
-        targets.append(at)
-    if not starts:  # no complete method for such an arm
-        rng = np.random.default_rng(5)
-        low, high = np.where(np.isfinite(chain.limits.T), chain.limits.T, [[-np.pi], [np.pi]])
-        random = rng.uniform(low, high, (_STARTS, chain.dof))
-        return np.tile(random, (len(T), 1)), np.repeat(np.arange(len(T)), _STARTS)
-    q, which = np.concatenate(starts), np.concatenate(targets)
-    angles = goal.angles(chain.native.fk(q)[:, :3, :3], which)
-    order = np.lexsort((angles, which))
-    q, which = q[order], which[order]
-    place = np.arange(len(which)) - np.searchsorted(which, which)
-    return q[place < _STARTS], which[place < _STARTS]
+        near.append(answers.q[answers.valid][:, : chain.dof])
+        near_targets.append(np.nonzero(answers.valid)[0])
+    if near:
+        q, which = np.concatenate(near), np.concatenate(near_targets)
+        order = np.lexsort((goal.angles(chain.native.fk(q)[:, :3, :3], which), which))
+        q, which = q[order], which[order]
+        best = np.arange(len(which)) - np.searchsorted(which, which) < _NEAR_STARTS
+        starts.append(q[best])
+        targets.append(which[best])
+    return np.concatenate(starts), np.concatenate(targets)
 
 
+def spread_joints(chain: Chain, count: int) -> FloatArray:
+    """(count, n) joint values evenly spread over one turn, or over the range of a slide.
+
+    The additive sequence of Roberts (2018), from the powers of one irrational number.
+    """
+    n = chain.dof
+    root = 2.0
+    for _ in range(40):
+        root = (1.0 + root) ** (1.0 / (n + 1))  # root^(n + 1) = root + 1
+    spread = (0.5 + np.outer(np.arange(1, count + 1), root ** -np.arange(1.0, n + 1))) % 1.0
+    low, high = np.where(chain.is_revolute[:, None], [-np.pi, np.pi], np.clip(chain.limits, -10.0, 10.0)).T
+    return np.asarray(low + (high - low) * spread)
