@@ -28,10 +28,9 @@ if TYPE_CHECKING:
 _LONGEST_STEP = 0.3  # [rad, or m in units of the size of the arm]
 _ARRIVED = 1e-13  # a step this small changes nothing more
 _CONVERGED = 1e-8  # one Newton step from here is within rounding
-_REGULAR = (
-    1e-13  # squares of singular values of J below this, in units of the largest, count as 0: their directions are free
-)
-_LEAST_CURVATURE = 1e-6
+_REGULAR = 1e-9  # singular values of J below this, in units of the largest, count as 0: their directions are free
+_FLAT = 1e-9  # curvatures below this count as 0, and there is no step along them
+_LEVEL = 1e-7  # a slope along a flat direction that is rounding, or of no account
 _NOT_DOWNHILL = -1e-6
 
 
@@ -117,10 +116,10 @@ def minimise(
         state = State(
             here, chain.native.fk(here), chain.native.jacobian(here), chain.native.hessian(here), which[active]
         )
-        step, curvature, off = _step(rows(state), objective(state), None if fixed is None else fixed[active])
+        step, curvature, off, slope = _step(rows(state), objective(state), None if fixed is None else fixed[active])
         size = np.abs(step).max(axis=-1)
         q[active] += step * np.minimum(1.0, _LONGEST_STEP / np.maximum(size, 1e-300))[:, None]
-        converged[active] = (size < _CONVERGED) & (off < _CONVERGED)
+        converged[active] = (size < _CONVERGED) & (off < _CONVERGED) & (slope < _LEVEL)
         minimum[active] = curvature > _NOT_DOWNHILL
         active = active[size > _ARRIVED]
     return Minima(q, converged, converged & minimum)
@@ -128,17 +127,16 @@ def minimise(
 
 def _step(
     rows: Rows, objective: Objective, fixed: NDArray[np.bool_] | None
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(B, n) Newton steps, the least curvature along the rows, and what is left of the rows."""
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """(B, n) Newton steps, the least curvature along the rows, what is left of the rows, and the slope along flat directions."""
     J, gradient = rows.first, objective.first
     n = J.shape[-1]
     if fixed is not None:
         J, gradient = np.where(fixed[:, None, :], 0.0, J), np.where(fixed, 0.0, gradient)
-    transposed = J.swapaxes(-1, -2)
-    product = J @ transposed
-    size = np.maximum(np.trace(product, axis1=-2, axis2=-1), 1e-300)[:, None, None]
-    inverse = np.linalg.inv(product / size + _REGULAR * np.eye(J.shape[-2])) / size
-    back = transposed @ inverse  # (B, n, m), the pseudo-inverse
+    left, sizes, right = np.linalg.svd(J, full_matrices=False)
+    regular = sizes > _REGULAR * sizes[:, :1]
+    inverse = np.where(regular, 1.0 / np.where(regular, sizes, 1.0), 0.0)
+    back = right.swapaxes(-1, -2) @ (inverse[..., None] * left.swapaxes(-1, -2))  # (B, n, m), the pseudo-inverse
     multipliers = (gradient[:, None, :] @ back)[:, 0]
     along = np.eye(n) - back @ J
     hessian = objective.second - np.einsum("bk,bkij->bij", multipliers, rows.second)
@@ -146,13 +144,15 @@ def _step(
         stays = fixed[:, :, None] & np.eye(n, dtype=bool)
         along = np.where(stays, 0.0, along)
     towards = -(back @ rows.values[..., None])[..., 0]
-    right = -(along @ (gradient[..., None] + hessian @ towards[..., None]))[..., 0]
+    against = -(along @ (gradient[..., None] + hessian @ towards[..., None]))[..., 0]
     reduced = along @ hessian @ along
     values, vectors = np.linalg.eigh(0.5 * (reduced + reduced.swapaxes(-1, -2)) + (np.eye(n) - along))
-    sizes = np.maximum(np.abs(values), _LEAST_CURVATURE)
-    downhill = (vectors @ ((vectors.swapaxes(-1, -2) @ right[..., None]) / sizes[..., None]))[..., 0]
-    downhill = (along @ downhill[..., None])[..., 0]
-    return towards + downhill, values.min(axis=-1), np.abs(rows.values).max(axis=-1, initial=0.0)
+    inwards = (vectors.swapaxes(-1, -2) @ against[..., None])[..., 0]
+    flat = np.abs(values) < _FLAT
+    parts = np.where(flat, 0.0, inwards / np.where(flat, 1.0, np.abs(values)))
+    downhill = (along @ (vectors @ parts[..., None]))[..., 0]
+    slope = np.where(flat, np.abs(inwards), 0.0).max(axis=-1)
+    return towards + downhill, values.min(axis=-1), np.abs(rows.values).max(axis=-1, initial=0.0), slope
 
 
 # Rows

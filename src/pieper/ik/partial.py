@@ -101,6 +101,8 @@ class _Plan:
     free_joint: int | None
     words: str
     badly_conditioned: bool = False
+    plane: FloatArray | None = None
+    """The direction of all axes, of planar and SCARA arms."""
 
     @property
     def sampled(self) -> bool:
@@ -110,7 +112,7 @@ class _Plan:
 def covers(chain: Chain, target: Target) -> bool:
     """Whether `solve_partial` takes this arm and these rows; else the numeric solver has to.
 
-    Three to six joints without mimic joints; all three rows of the position, with no row of the rotation (3 to 6 joints) or one axis (5 or
+    Up to six joints without mimic joints; all three rows of the position, with no row of the rotation or with one axis (5 or
     6 joints), all of weight 1; and an arm that can move along these rows, for which a complete method is known.
 
     Examples
@@ -143,7 +145,7 @@ def solve_partial(
     Parameters
     ----------
     chain : Chain
-        Three to six joints.
+            Up to six joints.
     target : Target
         Made by `pieper.ik.target.position_and_axis` or `pieper.ik.target.ignore_orientation`.
     seed : (..., n) array, optional
@@ -196,7 +198,7 @@ def solve_partial(
     if plan is None:
         raise ArrayError(
             f"solve_partial does not cover this target of {chain.name!r} with {chain.dof} joints: it takes a position, or a position and "
-            "one axis, with weights 1, for 3 to 6 joints that can move along these rows; use the numeric solver"
+            "one axis, with weights 1, for up to 6 joints that can move along these rows; use the numeric solver"
         )
     m = _whole_number(samples, "samples")
     workers = _whole_number(threads, "threads")
@@ -229,7 +231,7 @@ def solve_partial(
     if parts[0].nearest is not None:
         columns = zip(*(part.nearest[:6] for part in parts if part.nearest is not None), strict=True)
         joined = (np.concatenate(arrays) for arrays in columns)
-        nearest = Projections._make([*(array.reshape(*shape, *array.shape[1:]) for array in joined), False])
+        nearest = Projections._make([*(array.reshape((*shape, *array.shape[1:])) for array in joined), False])
     return PartialSolutions(
         q.reshape(*shape, k, chain.dof),
         valid.reshape(*shape, k),
@@ -276,7 +278,7 @@ def _plan(chain: Chain, target: Target) -> _Plan | None:
         wanted = (1.0,) * 6
     else:
         wanted = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
-    if target.weights != wanted or chain.is_coupled or chain.dof not in (3, 4, 5, 6):
+    if target.weights != wanted or chain.is_coupled or chain.dof not in (2, 3, 4, 5, 6):
         return None
     kept = _plans.setdefault(chain, {})
     if target.axis not in kept:
@@ -289,7 +291,10 @@ def _plan(chain: Chain, target: Target) -> _Plan | None:
 
 def _plan_for_position(chain: Chain) -> _Plan | None:
     n = chain.dof
-    if _rank(chain, None) < 3:
+    plane = _common_direction(chain)
+    if plane is not None:
+        return _plan_in_a_plane(chain, plane)
+    if n < 3 or _rank(chain, None) < 3:
         return None
     method = complete_method(extended(chain, _VIRTUAL_AXES[: 6 - n]))
     if method is None:
@@ -297,6 +302,29 @@ def _plan_for_position(chain: Chain) -> _Plan | None:
     kinds = ("isolated answers", "curves of answers", "surfaces of answers", "a three-dimensional set of answers")
     words = f"position only, {n} joints: {kinds[n - 3]}" + (", sampled" if n > 3 else "")
     return _Plan(None, 6 - n, method, n - 3, None, words)
+
+
+def _common_direction(chain: Chain) -> FloatArray | None:
+    """(3,) the direction that all axes have, in the base frame; None where they have not."""
+    turning = chain.is_revolute
+    directions = np.where(turning[:, None], chain.screws[:, 3:], chain.screws[:, :3])
+    parallel = np.linalg.norm(np.cross(directions, directions[0]), axis=1).max() < _COLLINEAR
+    return np.asarray(directions[0]) if parallel and turning.any() else None
+
+
+def _plan_in_a_plane(chain: Chain, direction: FloatArray) -> _Plan | None:
+    """Planar and SCARA arms: of the orientation there is one turn, which is virtual or sampled."""
+    turning = int(chain.is_revolute.sum())
+    if turning not in (2, 3):
+        return None
+    axis = tuple((chain.home[:3, :3].T @ direction).tolist())
+    method = complete_method(extended(chain, [axis] if turning == 2 else []))
+    if method is None:
+        return None
+    words = f"position only, {chain.dof} joints with parallel axes: " + (
+        "isolated answers" if turning == 2 else "curves of answers, sampled"
+    )
+    return _Plan(None, 3 - turning, method, turning - 2, None, words, plane=direction)
 
 
 def _plan_for_axis(chain: Chain, axis: FloatArray) -> _Plan | None:
@@ -445,7 +473,7 @@ def _solve_by_method(problem: _Problem, T: FloatArray, samples: int) -> tuple[Fl
     n, plan = problem.chain.dof, problem.plan
     if plan.method is None or not len(T):
         return np.empty((0, n)), np.empty(0, dtype=np.intp), np.zeros(len(T), dtype=bool)
-    filled = _completions(plan, n, T, samples)
+    filled = _completions(plan, problem.chain, T, samples)
     answers = plan.method.solve(np.ascontiguousarray(filled.reshape(-1, 4, 4)), threads=problem.threads)
     at, _ = np.nonzero(answers.valid)
     return (
@@ -506,9 +534,14 @@ def _towards(chain: Chain, q: FloatArray, seeds: FloatArray) -> FloatArray:
 # Filling the freedom in
 
 
-def _completions(plan: _Plan, n: int, T: FloatArray, samples: int) -> FloatArray:
+def _completions(plan: _Plan, chain: Chain, T: FloatArray, samples: int) -> FloatArray:
     """Whole poses (N, m, 4, 4) that agree with targets (N, 4, 4) in the rows that count."""
-    if plan.axis_tip is not None:
+    n = chain.dof
+    if plan.plane is not None:
+        several = samples if plan.sampled else 1
+        R = _about(plan.plane, np.asarray(np.arange(several) * (_TURN / several))) @ chain.home[:3, :3]
+        R = np.broadcast_to(R, (len(T), several, 3, 3))
+    elif plan.axis_tip is not None:
         if n == 5 or plan.free_joint is not None:
             return T[:, None]
         turns = _about(plan.axis_tip, np.asarray(np.arange(samples) * (_TURN / samples)))

@@ -174,7 +174,7 @@ def project(chain: Chain, target: ArrayLike | Target) -> Projections:
         q, which = np.concatenate([exact.q[exact.valid], q]), np.concatenate([at, which])
     answers = _collect(chain, goal, q, which, _MET * scale, _last_is_free(chain, axis))
     distance = _out_of_reach(chain, flat, answers[1])
-    parts = [part.reshape(*shape, *part.shape[1:]) for part in (*answers, distance)]
+    parts = [part.reshape((*shape, *part.shape[1:])) for part in (*answers, distance)]
     return Projections._make([*parts, geometric])
 
 
