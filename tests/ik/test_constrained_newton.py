@@ -82,28 +82,42 @@ def test_the_nearest_joint_values_to_a_seed_that_meets_the_rows_are_the_seed():
     np.testing.assert_allclose(found.q, seed, atol=1e-12)
 
 
-def test_a_fixed_joint_stays_and_the_others_meet_the_rows():
+def test_bounds_are_kept_and_reached():
+    """The nearest to the seed would fold joint 2 beyond its bound; it stays there and the others make up for it."""
     arm = planar()
-    start = np.array([[0.3, -0.8, 1.1]])
-    p = fk(arm, start + [[0.1, 0.1, 0.0]])[:, :3, 3]
-    found = newton.minimise(
-        arm,
-        start,
-        np.zeros(1, dtype=np.intp),
-        lambda state: newton.position_rows(state, p, 1.0),
-        lambda state: newton.distance_objective(state, start),
-        fixed=np.array([[False, False, True]]),
-    )
-    assert found.converged.all()
-    assert found.q[0, 2] == start[0, 2]
-    np.testing.assert_allclose(fk(arm, found.q)[:, :3, 3], p, atol=1e-13)
+    seed = np.array([[0.3, -0.8, 1.1]])
+    made_by = np.array([[0.1, -0.5, 1.0]])
+    p = fk(arm, made_by)[:, :3, 3]
+    rows = lambda state: newton.position_rows(state, p, 1.0)  # noqa: E731
+    distance = lambda state: newton.distance_objective(state, seed)  # noqa: E731
+    which = np.zeros(1, dtype=np.intp)
+    free = newton.minimise(arm, seed, which, rows, distance)
+    assert free.minimum.all()
+    limits = np.array([[-np.inf, np.inf], [free.q[0, 1] + 0.1, 2.0], [-2.0, np.inf]])
+    held = newton.minimise(arm, seed, which, rows, distance, limits=limits)
+    assert held.minimum.all()
+    assert held.q[0, 1] == limits[1, 0]
+    np.testing.assert_allclose(fk(arm, held.q)[:, :3, 3], p, atol=1e-13)
+    # the arm has one freedom, so with joint 2 at its bound the nearest is one of two places: scan the family
+    turns = np.linspace(-np.pi, np.pi, 20001)
+    wrist = p[0, :2] - np.stack([np.cos(turns), np.sin(turns)], axis=-1)
+    cosine = (np.sum(wrist**2, axis=-1) - 2.0) / 2.0
+    best = np.inf
+    for side in (1.0, -1.0):
+        second = side * np.arccos(np.clip(cosine, -1.0, 1.0))
+        first = np.arctan2(wrist[:, 1], wrist[:, 0]) - 0.5 * second
+        q = np.stack([first, second, np.remainder(turns - first - second + np.pi, 2 * np.pi) - np.pi], axis=-1)
+        allowed = (np.abs(cosine) <= 1.0) & ((q >= limits[:, 0]) & (q <= limits[:, 1])).all(axis=-1)
+        best = min(best, np.linalg.norm(q[allowed] - seed, axis=-1).min(initial=np.inf))
+    assert np.linalg.norm(held.q - seed) <= best + 1e-12
+    assert np.linalg.norm(held.q - seed) > best - 1e-3  # the scan is as fine as that
 
 
 def test_a_place_that_is_not_a_minimum_is_not_called_one():
     arm = planar()
     q = np.array([[0.3, -0.8, 1.1]])
     p = fk(arm, q)[:, :3, 3]
-    seed = q + [[np.pi, 0.0, 0.0]]  # half a turn of the whole: farther away along the family than beside it
+    seed = q + np.array([np.pi, 0.0, 0.0])  # half a turn of the whole: farther away along the family than beside it
 
     class Upside:
         def __call__(self, state):

@@ -154,7 +154,8 @@ def test_with_a_seed_the_answer_is_no_farther_than_the_joints_that_made_the_targ
         with np.errstate(invalid="ignore"):
             assert not (np.diff(distance, axis=-1) < -1e-12).any()
         turning = arm.is_revolute
-        assert np.nanmax(np.abs(answers.q - seed[:, None])[..., turning], initial=0.0) <= np.pi + 1e-9
+        if answers.free_dimension == 0:  # of families, one may be a copy within limits that is farther away
+            assert np.nanmax(np.abs(answers.q - seed[:, None])[..., turning], initial=0.0) <= np.pi + 1e-9
 
 
 # Isolated answers
@@ -294,7 +295,8 @@ def test_scipy_finds_nothing_nearer_to_a_seed(name):
                 now = fk(arm, x)
                 error = [now[:3, 3] - T[:3, 3]]
                 if axis is not None:
-                    error.append(now[:3, :3] @ axis - T[:3, :3] @ axis)
+                    across = np.linalg.svd((T[:3, :3] @ axis)[None])[2][1:]
+                    error.append(across @ now[:3, :3] @ axis)
                 return np.concatenate(error)
 
             best = np.inf
@@ -304,7 +306,7 @@ def test_scipy_finds_nothing_nearer_to_a_seed(name):
                     start,
                     jac=lambda x, seed=seed: x - seed,
                     constraints={"type": "eq", "fun": left},
-                    method="SLSQP" if axis is None else "trust-constr",
+                    method="SLSQP",
                     options={"maxiter": 200},
                 )
                 if np.abs(left(result.x)).max() < 1e-6:
@@ -338,8 +340,9 @@ def test_the_way_to_the_seed_is_across_the_family(name):
 
 def test_samples_are_spread_around_the_axis():
     arm = chain("fanuc_crx10ia")
-    T = fk(arm, [0.1, -0.4, 0.3, 0.5, 0.9, -0.2])
-    answers = solve_partial(arm, axis_target(T, SKEW), samples=24)
+    target = axis_target(fk(arm, [0.1, -0.4, 0.3, 0.5, 0.9, -0.2]), SKEW)
+    T = target.T_base_tip
+    answers = solve_partial(arm, target, samples=24)
     assert not answers.complete
     R = fk(arm, answers.q[answers.valid])[:, :3, :3]
     across = np.array([0.8, 0.6, 0.0])

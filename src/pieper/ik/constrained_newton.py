@@ -32,6 +32,7 @@ _REGULAR = 1e-9  # singular values of J below this, in units of the largest, cou
 _FLAT = 1e-9  # curvatures below this count as 0, and there is no step along them
 _LEVEL = 1e-7  # a slope along a flat direction that is rounding, or of no account
 _NOT_DOWNHILL = -1e-6
+_INSIDE = 0.995  # of half a joint's range
 
 
 class State(NamedTuple):
@@ -83,7 +84,7 @@ def minimise(
     rows: Callable[[State], Rows],
     objective: Callable[[State], Objective],
     *,
-    fixed: NDArray[np.bool_] | None = None,
+    limits: FloatArray | None = None,
     iterations: int = 40,
 ) -> Minima:
     """Newton's method from B starts.
@@ -97,8 +98,8 @@ def minimise(
         The target that belongs to each start; handed on to `rows` and `objective`.
     rows, objective : callables
         Give a `Rows` and an `Objective` at a `State`. Rows should be of the size of radians.
-    fixed : (B, n) bool array, optional
-        Joints that stay where they start.
+    limits : (n, 2) array, optional
+        Bounds to keep [rad or m]; a joint with an infinite one has none.
     iterations : int
         Steps at most.
 
@@ -106,43 +107,78 @@ def minimise(
     -------
     Minima
     """
-    q = np.array(q, dtype=np.float64)
-    converged, minimum = np.zeros(len(q), dtype=bool), np.zeros(len(q), dtype=bool)
-    active = np.arange(len(q))
+    bounds = _Bounds.of(np.tile([-np.inf, np.inf], (chain.dof, 1)) if limits is None else limits)
+    y = bounds.inwards(np.array(q, dtype=np.float64))
+    converged, minimum = np.zeros(len(y), dtype=bool), np.zeros(len(y), dtype=bool)
+    active = np.arange(len(y))
     for _ in range(iterations):
         if not len(active):
             break
-        here = q[active]
+        here = bounds.joints(y[active])
         state = State(
             here, chain.native.fk(here), chain.native.jacobian(here), chain.native.hessian(here), which[active]
         )
-        step, curvature, off, slope = _step(rows(state), objective(state), None if fixed is None else fixed[active])
+        step, curvature, off, slope = _step(*bounds.substituted(y[active], rows(state), objective(state)))
         size = np.abs(step).max(axis=-1)
-        q[active] += step * np.minimum(1.0, _LONGEST_STEP / np.maximum(size, 1e-300))[:, None]
+        y[active] += step * np.minimum(1.0, _LONGEST_STEP / np.maximum(size, 1e-300))[:, None]
         converged[active] = (size < _CONVERGED) & (off < _CONVERGED) & (slope < _LEVEL)
         minimum[active] = curvature > _NOT_DOWNHILL
         active = active[size > _ARRIVED]
-    return Minima(q, converged, converged & minimum)
+    return Minima(bounds.joints(y), converged, converged & minimum)
 
 
-def _step(
-    rows: Rows, objective: Objective, fixed: NDArray[np.bool_] | None
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+class _Bounds(NamedTuple):
+    """Joints as functions of numbers without bounds, ``q = middle + half sin(y / half)``: where a bound holds back, the slope vanishes."""
+
+    low: FloatArray
+    high: FloatArray
+    middle: FloatArray
+    half: FloatArray
+    bounded: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, limits: FloatArray) -> _Bounds:
+        bounded = np.isfinite(limits).all(axis=-1)
+        low, high = np.where(bounded[:, None], limits, [-1.0, 1.0]).T
+        return cls(low, high, 0.5 * (high + low), np.maximum(0.5 * (high - low), 1e-12), bounded)
+
+    def joints(self, y: FloatArray) -> FloatArray:
+        q = self.middle + self.half * np.sin(y / self.half)
+        return np.where(self.bounded, np.clip(q, self.low, self.high), y)
+
+    def inwards(self, q: FloatArray) -> FloatArray:
+        """Numbers for joint values, which are brought a little inside where a slope would vanish."""
+        sine = np.clip((q - self.middle) / self.half, -_INSIDE, _INSIDE)
+        return np.where(self.bounded, self.half * np.arcsin(sine), q)
+
+    def substituted(self, y: FloatArray, rows: Rows, objective: Objective) -> tuple[Rows, Objective]:
+        """Derivatives by y instead of q."""
+        if not self.bounded.any():
+            return rows, objective
+        once = np.where(self.bounded, np.cos(y / self.half), 1.0)
+        twice = np.where(self.bounded, -np.sin(y / self.half) / self.half, 0.0)
+        n = y.shape[-1]
+        outer = once[:, :, None] * once[:, None, :]
+        rows = Rows(
+            rows.values,
+            rows.first * once[:, None],
+            rows.second * outer[:, None] + (rows.first * twice[:, None])[..., None] * np.eye(n),
+        )
+        second = objective.second * outer + (objective.first * twice)[..., None] * np.eye(n)
+        return rows, Objective(objective.value, objective.first * once, second)
+
+
+def _step(rows: Rows, objective: Objective) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """(B, n) Newton steps, the least curvature along the rows, what is left of the rows, and the slope along flat directions."""
     J, gradient = rows.first, objective.first
     n = J.shape[-1]
-    if fixed is not None:
-        J, gradient = np.where(fixed[:, None, :], 0.0, J), np.where(fixed, 0.0, gradient)
     left, sizes, right = np.linalg.svd(J, full_matrices=False)
-    regular = sizes > _REGULAR * sizes[:, :1]
+    regular = sizes > _REGULAR * np.maximum(sizes[:, :1], _REGULAR)
     inverse = np.where(regular, 1.0 / np.where(regular, sizes, 1.0), 0.0)
     back = right.swapaxes(-1, -2) @ (inverse[..., None] * left.swapaxes(-1, -2))  # (B, n, m), the pseudo-inverse
     multipliers = (gradient[:, None, :] @ back)[:, 0]
     along = np.eye(n) - back @ J
     hessian = objective.second - np.einsum("bk,bkij->bij", multipliers, rows.second)
-    if fixed is not None:
-        stays = fixed[:, :, None] & np.eye(n, dtype=bool)
-        along = np.where(stays, 0.0, along)
     towards = -(back @ rows.values[..., None])[..., 0]
     against = -(along @ (gradient[..., None] + hessian @ towards[..., None]))[..., 0]
     reduced = along @ hessian @ along

@@ -332,6 +332,7 @@ def _plan_for_axis(chain: Chain, axis: FloatArray) -> _Plan | None:
     if n < 5:
         return None
     rank, misfit = _rank(chain, axis), axis_misfit(chain, axis)
+    badly = misfit < _NEARLY_COLLINEAR
     last = chain.joint_names[-1]
     if n == 6:
         method = complete_method(chain)
@@ -348,10 +349,9 @@ def _plan_for_axis(chain: Chain, axis: FloatArray) -> _Plan | None:
         )
         return _Plan(axis, 0, complete_method(chain), 1, n - 1, words)
     method = complete_method(extended(chain, [axis.tolist()]))
-    if rank < 5 or method is None:
+    if (rank < 5 and not badly) or method is None:
         return None
     words = "position and axis, 5 joints: isolated answers"
-    badly = misfit < _NEARLY_COLLINEAR
     if badly:
         words += f"; the tool axis is {misfit:.1g} from the axis of joint {last!r}, so that they are badly conditioned"
     return _Plan(axis, 1, method, 0, None, words, badly)
@@ -396,11 +396,11 @@ class _Problem:
         )
 
     def descend(
-        self, T: FloatArray, seeds: FloatArray, q: FloatArray, which: NDArray[np.intp], fixed: BoolArray | None = None
+        self, T: FloatArray, seeds: FloatArray, q: FloatArray, which: NDArray[np.intp], limits: FloatArray | None = None
     ) -> tuple[FloatArray, BoolArray]:
         """Joint values next to the starts (B, n) that meet the rows and are nearest to the seeds (N, n), and which of them do."""
         near = newton.minimise(
-            self.chain, q, which, self.rows(T), lambda state: newton.distance_objective(state, seeds), fixed=fixed
+            self.chain, q, which, self.rows(T), lambda state: newton.distance_objective(state, seeds), limits=limits
         )
         position, rotation = self.errors(near.q, T[which])
         return near.q, near.converged & self.met(position, rotation)
@@ -606,36 +606,18 @@ def _with_nearest(
     problem: _Problem, T: FloatArray, seeds: FloatArray, q: FloatArray, which: NDArray[np.intp]
 ) -> tuple[FloatArray, NDArray[np.intp]]:
     """The samples, and the joint values nearest to the seeds on their families: regardless of limits, and within them."""
-    chain, plan = problem.chain, problem.plan
+    chain = problem.chain
     everyone = np.arange(len(T))
     first, first_of = _best(q, which, seeds, np.ones(len(q), dtype=bool))
     first, first_of = np.concatenate([first, seeds]), np.concatenate([first_of, everyone])
     free, good = problem.descend(T, seeds, first, first_of)
     free, free_of = _towards(chain, free[good], seeds[first_of[good]]), first_of[good]
 
-    # within limits: where the least value is outside, a joint stays at its limit and the others go on
-    low, high = chain.limits.T
-    copies = _inside(chain, q, seeds[which])
-    second, second_of = _best(copies, which, seeds, np.asarray(np.isfinite(copies).all(axis=-1)))
-    now, now_of = np.concatenate([second, free]), np.concatenate([second_of, free_of])
-    fixed = np.zeros(now.shape, dtype=bool)
-    results, targets = [q, free], [which, free_of]
-    for attempt in range(plan.free_dimension + 1):
-        if not len(now):
-            break
-        now, good = problem.descend(T, seeds, now, now_of, fixed)
-        inside = ((now >= low) & (now <= high)).all(axis=-1)
-        results.append(now[good & inside])
-        targets.append(now_of[good & inside])
-        now, now_of, fixed = now[good & ~inside], now_of[good & ~inside], fixed[good & ~inside]
-        if attempt == plan.free_dimension:
-            break
-        beyond = np.maximum(low - now, now - high)
-        worst = beyond.argmax(axis=-1)
-        at = np.arange(len(now))
-        now[at, worst] = np.clip(now[at, worst], low[worst], high[worst])
-        fixed[at, worst] = True
-    return np.concatenate(results), np.concatenate(targets)
+    inside = _inside(chain, q, seeds[which])
+    second, second_of = _best(inside, which, seeds, np.asarray(np.isfinite(inside).all(axis=-1)))
+    second, second_of = np.concatenate([second, seeds, free]), np.concatenate([second_of, everyone, free_of])
+    held, good = problem.descend(T, seeds, second, second_of, chain.limits)
+    return np.concatenate([q, free, held[good]]), np.concatenate([which, free_of, second_of[good]])
 
 
 def _best(
