@@ -96,7 +96,7 @@ def check(arm: Chain, T: np.ndarray, found: Projections) -> None:
 @pytest.mark.parametrize("name", ARMS)
 def test_a_pose_the_arm_can_take_is_taken(name):
     arm = arm_of(name)
-    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (60, 5))
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (30, 5))
     found = project(arm, fk(arm, q))
     assert (found.rotation_error[:, 0] < 1e-9).all()
     assert (found.out_of_reach == 0.0).all()
@@ -147,9 +147,9 @@ def test_errors_are_measured(name, amount):
 def test_no_farther_than_the_pose_that_was_turned(name, amount):
     arm = arm_of(name)
     rng = np.random.default_rng(4)
-    T = fk(arm, rng.uniform(-np.pi, np.pi, (40, 5)))
+    T = fk(arm, rng.uniform(-np.pi, np.pi, (12, 5)))
     turned = T.copy()
-    turned[:, :3, :3] = T[:, :3, :3] @ from_rotation_vector(amount * rng.normal(size=(40, 3)))
+    turned[:, :3, :3] = T[:, :3, :3] @ from_rotation_vector(amount * rng.normal(size=(12, 3)))
     found = project(arm, turned)
     assert (found.rotation_error[:, 0] <= angle_left(T[:, :3, :3], turned[:, :3, :3]) + 1e-12).all()
 
@@ -205,11 +205,11 @@ def test_small_moves_of_an_answer_that_keep_the_position_go_away_from_the_target
 def test_every_least_value_is_found_on_arms_with_three_parallel_axes(name):
     """Descent from many random starts, by steps of its own, ends in listed answers only."""
     arm = arm_of(name)
-    T = nearly(arm, 6, 0.4, seed=9)
+    T = nearly(arm, 4, 0.4, seed=9)
     found = project(arm, T)
     assert found.complete
-    q = np.random.default_rng(10).uniform(-np.pi, np.pi, (6, 150, 5))
-    for _ in range(400):
+    q = np.random.default_rng(10).uniform(-np.pi, np.pi, (4, 80, 5))
+    for _ in range(300):
         J, here = arm.native.jacobian(q), fk(arm, q)
         inverse = np.linalg.pinv(J[..., :3, :], rcond=1e-3)
         back = (inverse @ (T[:, None, :3, 3] - here[..., :3, 3])[..., None])[..., 0]
@@ -222,9 +222,9 @@ def test_every_least_value_is_found_on_arms_with_three_parallel_axes(name):
     rested = (np.abs(step).max(axis=-1) < 1e-9) & (
         np.linalg.norm(fk(arm, q)[..., :3, 3] - T[:, None, :3, 3], axis=-1) < 1e-9
     )
-    assert rested.sum() > 100  # long valleys are left out
+    assert rested.sum() > 50  # long valleys are left out
     listed = found.valid.sum(axis=-1) < MOST_PROJECTIONS  # where there are more, the farthest are left out
-    assert listed.sum() >= 4
+    assert listed.sum() >= 3
     distance = apart(np.where(found.valid[:, None, :, None], found.q[:, None], 9.0), q[:, :, None]).min(axis=-1)
     # saddles attract along one line only, so random starts do not end there
     assert (distance[rested & listed[:, None]] < 1e-4).all()
@@ -279,7 +279,7 @@ def test_over_the_first_axis_every_orientation_is_reached(name):
     found = project(arm, T)
     assert found.valid[:, 0].all()
     check(arm, T, found)
-    assert (found.rotation_error[:, 0] < 1e-9).mean() > 0.5
+    assert (found.rotation_error[:, 0] < 1e-9).sum() >= 10
     nudged = T.copy()
     nudged[:, 0, 3] += 1e-6
     check(arm, nudged, project(arm, nudged))
@@ -332,14 +332,14 @@ def test_an_axis_is_pointed_as_well_as_can_be(name):
 @pytest.mark.parametrize("name", ARMS)
 def test_out_of_reach_says_by_how_much(name):
     arm = arm_of(name)
-    T = nearly(arm, 4, 0.1, seed=15)
-    T[:, :3, 3] *= np.array([[3.0], [4.0], [5.0], [6.0]]) / np.linalg.norm(T[:, :3, 3], axis=-1, keepdims=True)
+    T = nearly(arm, 2, 0.1, seed=15)
+    T[:, :3, 3] *= np.array([[3.0], [5.0]]) / np.linalg.norm(T[:, :3, 3], axis=-1, keepdims=True)
     found = project(arm, T)
     assert not found.valid.any()
     assert np.isnan(found.q).all()
     rng = np.random.default_rng(16)
     for one, distance in zip(T, found.out_of_reach, strict=True):
-        starts = rng.uniform(-np.pi, np.pi, (12, 5))
+        starts = rng.uniform(-np.pi, np.pi, (6, 5))
         least = min(
             np.linalg.norm(least_squares(lambda q, p=one[:3, 3]: fk(arm, q)[:3, 3] - p, start).fun) for start in starts
         )

@@ -138,7 +138,7 @@ class _Bounds(NamedTuple):
 
     @classmethod
     def of(cls, limits: FloatArray) -> _Bounds:
-        bounded = np.isfinite(limits).all(axis=-1)
+        bounded = np.asarray(np.isfinite(limits).all(axis=-1))
         low, high = np.where(bounded[:, None], limits, [-1.0, 1.0]).T
         return cls(low, high, 0.5 * (high + low), np.maximum(0.5 * (high - low), 1e-12), bounded)
 

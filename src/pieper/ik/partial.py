@@ -185,7 +185,7 @@ def solve_partial(
     >>> int(answers.valid.sum()), answers.free_joint
     (8, 5)
     >>> answers.q[0].round(3)
-    array([ 0.165, -1.492,  2.059, -2.138, -1.571,  0.7  ])
+    array([ 0.161, -1.611,  2.11 , -2.069, -1.571,  0.7  ])
 
     A gripper jaw along x: the family is a curve, and the answer nearest to the seed is on it to the last digit.
 
@@ -400,7 +400,13 @@ class _Problem:
     ) -> tuple[FloatArray, BoolArray]:
         """Joint values next to the starts (B, n) that meet the rows and are nearest to the seeds (N, n), and which of them do."""
         near = newton.minimise(
-            self.chain, q, which, self.rows(T), lambda state: newton.distance_objective(state, seeds), limits=limits
+            self.chain,
+            q,
+            which,
+            self.rows(T),
+            lambda state: newton.distance_objective(state, seeds),
+            limits=limits,
+            iterations=40 if limits is None else 100,
         )
         position, rotation = self.errors(near.q, T[which])
         return near.q, near.converged & self.met(position, rotation)
@@ -432,7 +438,7 @@ def _solve(problem: _Problem, T: FloatArray, seeds: FloatArray | None, samples: 
     """Answers for targets (N, 4, 4)."""
     chain, plan = problem.chain, problem.plan
     q, which, doubtful = _solve_by_method(problem, T, samples)
-    complete, nearest = plan.method is not None and not doubtful.any(), None
+    complete, nearest = plan.method is not None and not doubtful.any() and not plan.badly_conditioned, None
     if problem.projects:
         unsure = doubtful | ~np.isin(np.arange(len(T)), which)
         nearest = _scattered(project(chain, Target(T[unsure], axis=tuple(plan.axis_tip))), unsure)  # type: ignore[arg-type]
@@ -615,9 +621,10 @@ def _with_nearest(
 
     inside = _inside(chain, q, seeds[which])
     second, second_of = _best(inside, which, seeds, np.asarray(np.isfinite(inside).all(axis=-1)))
-    second, second_of = np.concatenate([second, seeds, free]), np.concatenate([second_of, everyone, free_of])
-    held, good = problem.descend(T, seeds, second, second_of, chain.limits)
-    return np.concatenate([q, free, held[good]]), np.concatenate([which, free_of, second_of[good]])
+    # a copy that breaks a limit may start inside it, and a branch lead there that no sample is on
+    starts, starts_of = np.concatenate([second, first, free]), np.concatenate([second_of, first_of, free_of])
+    held, good = problem.descend(T, seeds, starts, starts_of, chain.limits)
+    return np.concatenate([q, free, second, held[good]]), np.concatenate([which, free_of, second_of, starts_of[good]])
 
 
 def _best(
