@@ -26,13 +26,13 @@ from __future__ import annotations
 import operator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from pieper.errors import ArrayError
 from pieper.ik import constrained_newton as newton
 from pieper.ik.family import size_of
+from pieper.ik.prepared import prepared
 from pieper.ik.projection import Projections, angle_between, axis_misfit, project, spread_joints, wrapped
 from pieper.ik.target import Target
 from pieper.ik.virtual_joint import CompleteMethod, complete_method, extended
@@ -269,9 +269,6 @@ def _padded(array: NDArray, k: int) -> NDArray:  # type: ignore[type-arg]
 # What to do for an arm
 
 
-_plans: WeakKeyDictionary[Chain, dict[tuple[float, ...] | None, _Plan | None]] = WeakKeyDictionary()
-
-
 def _plan(chain: Chain, target: Target) -> _Plan | None:
     """How to solve the rows of a target; None where they are not covered. Made once for an arm and a tool axis."""
     if target.axis is not None:
@@ -280,13 +277,10 @@ def _plan(chain: Chain, target: Target) -> _Plan | None:
         wanted = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
     if target.weights != wanted or chain.is_coupled or chain.dof not in (2, 3, 4, 5, 6):
         return None
-    kept = _plans.setdefault(chain, {})
-    if target.axis not in kept:
-        if len(kept) >= 32:
-            kept.clear()
-        axis = None if target.axis is None else np.asarray(target.axis, dtype=np.float64)
-        kept[target.axis] = _plan_for_position(chain) if axis is None else _plan_for_axis(chain, axis)
-    return kept[target.axis]
+    if target.axis is None:
+        return prepared(chain, "plan", None, lambda: _plan_for_position(chain))
+    axis = np.asarray(target.axis, dtype=np.float64)
+    return prepared(chain, "plan", target.axis, lambda: _plan_for_axis(chain, axis))
 
 
 def _plan_for_position(chain: Chain) -> _Plan | None:

@@ -32,17 +32,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from pieper.errors import ArrayError
 from pieper.ik import constrained_newton as newton
 from pieper.ik.closed_form import solve_closed_form
-from pieper.ik.family import find_family, size_of
+from pieper.ik.family import size_of
 from pieper.ik.numeric import solve_numeric
+from pieper.ik.prepared import prepared
 from pieper.ik.target import Target, ignore_orientation
-from pieper.ik.virtual_joint import complete_method, extended
+from pieper.ik.virtual_joint import complete_method, extended, family_of
 from pieper.spatial import angle as _angle
 from pieper.spatial import rotation as _rotation
 from pieper.spatial._checks import poses
@@ -157,7 +157,7 @@ def project(chain: Chain, target: ArrayLike | Target) -> Projections:
     shape, n = T.shape[:-2], chain.dof
     flat = np.ascontiguousarray(T.reshape(-1, 4, 4))
     goal = _Goal(flat[:, :3, 3], flat[:, :3, :3], axis)
-    family = find_family(chain)
+    family = family_of(chain)
     geometric = family.name == "three parallel axes" and family.complete
     if not len(flat):
         q, which = np.empty((0, n)), np.empty(0, dtype=np.intp)
@@ -259,18 +259,14 @@ def wrapped(chain: Chain, q: FloatArray) -> FloatArray:
     return np.where(chain.is_revolute, _angle.wrap(q), q) if len(q) else q.copy()
 
 
-_unlimited: WeakKeyDictionary[Chain, Chain] = WeakKeyDictionary()
-
-
 def _out_of_reach(chain: Chain, T: FloatArray, valid: BoolArray) -> FloatArray:
     """(N,) distances [m] by which positions are missed; 0 where there is an answer."""
     distance = np.zeros(len(T))
     missed = ~valid.any(axis=-1)
     if missed.any():
-        if chain not in _unlimited:
-            free = np.where(chain.is_revolute[:, None], [-np.inf, np.inf], chain.limits)
-            _unlimited[chain] = replace(chain, limits=free)
-        answers = solve_numeric(_unlimited[chain], ignore_orientation(T[missed, :3, 3]), restarts=64)
+        limits = np.where(chain.is_revolute[:, None], [-np.inf, np.inf], chain.limits)
+        free = prepared(chain, "unlimited", None, lambda: replace(chain, limits=limits))
+        answers = solve_numeric(free, ignore_orientation(T[missed, :3, 3]), restarts=64)
         distance[missed] = np.where(answers.reached, 0.0, answers.nearest.position_error)
     return distance
 
@@ -312,9 +308,6 @@ class _Geometry:
         return np.asarray(vectors @ self.u + 1j * (vectors @ self.v))
 
 
-_geometries: WeakKeyDictionary[Chain, _Geometry] = WeakKeyDictionary()
-
-
 def _turned(axis: FloatArray, angle: FloatArray, vectors: FloatArray) -> FloatArray:
     """Vectors (..., 3) turned about a unit axis by angles (...)."""
     cosine, sine = np.cos(angle)[..., None], np.sin(angle)[..., None]
@@ -324,9 +317,7 @@ def _turned(axis: FloatArray, angle: FloatArray, vectors: FloatArray) -> FloatAr
 
 def _starts_from_geometry(chain: Chain, goal: _Goal) -> tuple[FloatArray, NDArray[np.intp]]:
     """Joint values (B, 5) on the surface next to the least angles, and the target of each."""
-    if chain not in _geometries:
-        _geometries[chain] = _Geometry.of(chain)
-    arm = _geometries[chain]
+    arm = prepared(chain, "geometry_of_three_parallel_axes", None, lambda: _Geometry.of(chain))
     scale = size_of(chain)
     # where the last joint moves nothing that counts, one value of it is enough
     samples = 1 if _last_is_free(chain, goal.axis_tip) else _SAMPLES

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from pieper.errors import ArrayError
 from pieper.ik.closed_form import solve_closed_form
 from pieper.ik.family import Family, find_family
 from pieper.ik.general_6r import Flag, solve_general_6r
+from pieper.ik.prepared import prepared
 from pieper.model.chain import free_name
 
 if TYPE_CHECKING:
@@ -143,9 +143,6 @@ class CompleteMethod:
         return AllAnswers(q, valid, doubtful)
 
 
-_methods: WeakKeyDictionary[Chain, CompleteMethod | None] = WeakKeyDictionary()
-
-
 def complete_method(chain: Chain) -> CompleteMethod | None:
     """What finds every answer of a whole pose; None where nothing does. Made once for a chain.
 
@@ -157,24 +154,23 @@ def complete_method(chain: Chain) -> CompleteMethod | None:
     >>> print(complete_method(catalog.describe("crx10ia").chain()).words)
     the general solver for six joints
     """
-    if chain not in _methods:
-        family = find_family(chain)
-        general = not chain.is_coupled and len(chain.screws) == 6 and bool(chain.is_revolute.all())
-        _methods[chain] = CompleteMethod(chain, family, general) if family.complete or general else None
-    return _methods[chain]
+    return prepared(chain, "complete_method", None, lambda: _find_method(chain))
 
 
-_extended: WeakKeyDictionary[Chain, dict[tuple[float, ...], Chain]] = WeakKeyDictionary()
+def _find_method(chain: Chain) -> CompleteMethod | None:
+    family = family_of(chain)
+    general = not chain.is_coupled and len(chain.screws) == 6 and bool(chain.is_revolute.all())
+    return CompleteMethod(chain, family, general) if family.complete or general else None
+
+
+def family_of(chain: Chain) -> Family:
+    """`pieper.ik.family.find_family`, done once for a chain."""
+    return prepared(chain, "family", None, lambda: find_family(chain))
 
 
 def extended(chain: Chain, axes_tip: Sequence[Sequence[float]]) -> Chain:
     """`add_virtual_joints`, made once for a chain and its axes."""
     if not len(axes_tip):
         return chain
-    kept = _extended.setdefault(chain, {})
     key = tuple(float(number) for axis in axes_tip for number in axis)
-    if key not in kept:
-        if len(kept) >= 32:  # an axis per target would fill the memory
-            kept.clear()
-        kept[key] = add_virtual_joints(chain, np.asarray(axes_tip))
-    return kept[key]
+    return prepared(chain, "virtual_joints", key, lambda: add_virtual_joints(chain, np.asarray(axes_tip)))
