@@ -6,6 +6,8 @@ by pseudo-inverse, and constrained minima by SciPy.
 
 from __future__ import annotations
 
+import gc
+import weakref
 from functools import cache
 
 import numpy as np
@@ -155,6 +157,19 @@ def test_with_a_seed_the_answer_is_no_farther_than_the_joints_that_made_the_targ
         turning = arm.is_revolute
         if answers.free_dimension == 0:  # of families, one may be a copy within limits that is farther away
             assert np.nanmax(np.abs(answers.q - seed[:, None])[..., turning], initial=0.0) <= np.pi + 1e-9
+
+
+@pytest.mark.parametrize("name", [*FIVE, *THREE, *TEXTBOOK, "ur5e", "ur20", "abb_irb6640"])
+def test_right_angles_and_stretched_arms(name):
+    """Joints at multiples of 90 degrees, and a hair away: at the edge of reach families shrink to a point between the samples."""
+    arm = arm_of(name)
+    rng = np.random.default_rng(20)
+    q = rng.integers(-1, 3, (12, arm.dof)) * (np.pi / 2)
+    q[6:] += rng.choice([1e-3, 1e-6, 1e-9], size=(6, arm.dof)) * rng.normal(size=(6, arm.dof))
+    for target in targets(arm, fk(arm, q)):
+        answers = solve_partial(arm, target, samples=8)
+        assert answers.valid.any(axis=-1).all(), answers.words
+        check(arm, target, answers)
 
 
 # Isolated answers
@@ -537,3 +552,14 @@ def test_virtual_axes_are_checked(axes, message):
 def test_there_is_no_complete_method_for_seven_joints():
     assert complete_method(chain("franka_panda")) is None
     assert "general" in complete_method(chain("ufactory_xarm6")).words
+
+
+def test_what_is_kept_for_a_chain_goes_with_it():
+    arm = chain("ur5e").with_tool(np.eye(4))
+    solve_partial(arm, ignore_orientation([0.3, 0.3, 0.3]), samples=2)
+    five = arm.lock(elbow_joint=0.4)
+    solve_partial(five, position_and_axis([0.3, 0.3, 0.3], SKEW, axis_tip=SKEW))
+    gone = [weakref.ref(arm), weakref.ref(five)]
+    del arm, five
+    gc.collect()
+    assert [one() for one in gone] == [None, None]

@@ -24,7 +24,7 @@ has to lie in the plane of the arm, and `PartialSolutions.nearest` tells by whic
 from __future__ import annotations
 
 import operator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -32,8 +32,9 @@ import numpy as np
 from pieper.errors import ArrayError
 from pieper.ik import constrained_newton as newton
 from pieper.ik.family import size_of
+from pieper.ik.numeric import solve_numeric
 from pieper.ik.prepared import prepared
-from pieper.ik.projection import Projections, angle_between, axis_misfit, project, spread_joints, wrapped
+from pieper.ik.projection import Projections, angle_between, axis_misfit, project, spread_joints, unlimited, wrapped
 from pieper.ik.target import Target
 from pieper.ik.virtual_joint import CompleteMethod, complete_method, extended
 from pieper.kinematics.joints import as_joints
@@ -216,7 +217,7 @@ def solve_partial(
                 f"seed must have leading axes that broadcast to {shape}, got shape {seeds.shape}"
             ) from None
     flat = np.ascontiguousarray(T.reshape(-1, 4, 4))
-    problem = _Problem(chain, plan, position_tolerance, rotation_tolerance, workers)
+    problem = _Problem(chain, target, plan, position_tolerance, rotation_tolerance, workers)
     chunk = max(1, _AT_ONCE // m) if plan.sampled else _AT_ONCE
     parts = []
     for start in range(0, max(1, len(flat)), chunk):
@@ -369,6 +370,7 @@ def _rank(chain: Chain, axis: FloatArray | None) -> int:
 @dataclass(frozen=True, eq=False)
 class _Problem:
     chain: Chain
+    target: Target
     plan: _Plan
     position_tolerance: float
     rotation_tolerance: float
@@ -390,7 +392,14 @@ class _Problem:
         )
 
     def descend(
-        self, T: FloatArray, seeds: FloatArray, q: FloatArray, which: NDArray[np.intp], limits: FloatArray | None = None
+        self,
+        T: FloatArray,
+        seeds: FloatArray,
+        q: FloatArray,
+        which: NDArray[np.intp],
+        *,
+        limits: FloatArray | None = None,
+        iterations: int = 40,
     ) -> tuple[FloatArray, BoolArray]:
         """Joint values next to the starts (B, n) that meet the rows and are nearest to the seeds (N, n), and which of them do."""
         near = newton.minimise(
@@ -400,10 +409,10 @@ class _Problem:
             self.rows(T),
             lambda state: newton.distance_objective(state, seeds),
             limits=limits,
-            iterations=40 if limits is None else 100,
+            iterations=iterations,
         )
         position, rotation = self.errors(near.q, T[which])
-        return near.q, near.converged & self.met(position, rotation)
+        return near.q, self.met(position, rotation)  # at a singular place Newton may crawl, and still be there
 
     def met(self, position: FloatArray, rotation: FloatArray) -> BoolArray:
         """Which errors are within the tolerances."""
@@ -484,12 +493,26 @@ def _solve_by_method(problem: _Problem, T: FloatArray, samples: int) -> tuple[Fl
 
 
 def _between_samples(problem: _Problem, T: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Members of families so small that no sample met them, by Newton's method from evenly spread starts."""
+    """Members of families so small that no sample met them: by Newton's method from evenly spread starts, then numerically."""
+    if not len(T):
+        return np.empty((0, problem.chain.dof)), np.empty(0, dtype=np.intp)
     starts = spread_joints(problem.chain, _STARTS)
     which = np.repeat(np.arange(len(T)), _STARTS)
     seeds = np.tile(starts, (len(T), 1))
-    q, good = problem.descend(T[which], seeds, seeds, np.arange(len(which)))
-    return q[good], which[good]
+    q, good = problem.descend(T[which], seeds, seeds, np.arange(len(which)), iterations=100)
+    q, which = q[good], which[good]
+    missed = np.flatnonzero(~np.isin(np.arange(len(T)), which))
+    if not len(missed):
+        return q, which
+    last = solve_numeric(
+        unlimited(problem.chain),
+        replace(problem.target, T_base_tip=T[missed]),
+        position_tolerance=problem.position_tolerance,
+        rotation_tolerance=problem.rotation_tolerance,
+        restarts=64,
+        threads=problem.threads,
+    )
+    return np.concatenate([q, last.q[last.valid]]), np.append(which, missed[np.nonzero(last.valid)[0]])
 
 
 def _scattered(nearest: Projections, where: BoolArray) -> Projections:
@@ -617,7 +640,7 @@ def _with_nearest(
     second, second_of = _best(inside, which, seeds, np.asarray(np.isfinite(inside).all(axis=-1)))
     # a copy that breaks a limit may start inside it, and a branch lead there that no sample is on
     starts, starts_of = np.concatenate([second, first, free]), np.concatenate([second_of, first_of, free_of])
-    held, good = problem.descend(T, seeds, starts, starts_of, chain.limits)
+    held, good = problem.descend(T, seeds, starts, starts_of, limits=chain.limits, iterations=100)
     return np.concatenate([q, free, second, held[good]]), np.concatenate([which, free_of, second_of, starts_of[good]])
 
 

@@ -259,14 +259,18 @@ def wrapped(chain: Chain, q: FloatArray) -> FloatArray:
     return np.where(chain.is_revolute, _angle.wrap(q), q) if len(q) else q.copy()
 
 
+def unlimited(chain: Chain) -> Chain:
+    """The arm with joints that turn without limits."""
+    limits = np.where(chain.is_revolute[:, None], [-np.inf, np.inf], chain.limits)
+    return prepared(chain, "unlimited", None, lambda: replace(chain, limits=limits))
+
+
 def _out_of_reach(chain: Chain, T: FloatArray, valid: BoolArray) -> FloatArray:
     """(N,) distances [m] by which positions are missed; 0 where there is an answer."""
     distance = np.zeros(len(T))
     missed = ~valid.any(axis=-1)
     if missed.any():
-        limits = np.where(chain.is_revolute[:, None], [-np.inf, np.inf], chain.limits)
-        free = prepared(chain, "unlimited", None, lambda: replace(chain, limits=limits))
-        answers = solve_numeric(free, ignore_orientation(T[missed, :3, 3]), restarts=64)
+        answers = solve_numeric(unlimited(chain), ignore_orientation(T[missed, :3, 3]), restarts=64)
         distance[missed] = np.where(answers.reached, 0.0, answers.nearest.position_error)
     return distance
 
