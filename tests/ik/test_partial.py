@@ -16,10 +16,12 @@ from scipy.optimize import minimize
 
 from pieper.errors import ArrayError
 from pieper.ik.partial import PartialSolutions, covers, solve_partial
+from pieper.ik.projection import project
 from pieper.ik.target import Target, components, ignore_orientation, pose, position_and_axis, weight_orientation
 from pieper.ik.virtual_joint import add_virtual_joints, complete_method
 from pieper.kinematics.fk import fk
 from pieper.model.chain import Chain
+from tests.degenerate_arms import degenerate_arm
 from tests.reference import product_of_exponentials as textbook
 from tests.robots import ROBOTS, chain
 
@@ -401,6 +403,27 @@ def test_small_families_between_the_samples_are_found():
     T = fk(arm, joints(arm, 300, seed=13))
     answers = solve_partial(arm, axis_target(T, (0.0, 0.0, 1.0)), samples=3)
     assert answers.valid.any(axis=-1).all()
+
+
+@pytest.mark.parametrize("number", range(25))
+def test_arms_that_no_one_would_build(number):
+    """Axes that coincide or nearly so: no crash, no false answer, and the targets of the arm itself are reached."""
+    rng = np.random.default_rng(number)
+    count = int(rng.integers(2, 7))
+    arm = degenerate_arm(
+        lambda k: int(rng.integers(k)), lambda: float(rng.uniform(-1, 1)), count, slides=bool(rng.integers(2))
+    )
+    q = rng.uniform(-3, 3, (2, count))
+    T = fk(arm, q)
+    for target in targets(arm, T):
+        for seed in (None, q + 0.1):
+            answers = solve_partial(arm, target, samples=8, seed=seed)
+            check(arm, target, answers)
+            assert answers.valid.any(axis=-1).all()
+    if count == 5:
+        found = project(arm, T)
+        assert (found.rotation_error[:, 0] < 1e-5).all()  # flat where joints hardly turn the tip
+        assert (found.position_error[:, 0] < 1e-9).all()
 
 
 # Out of reach, shapes, input

@@ -167,13 +167,26 @@ def project(chain: Chain, target: ArrayLike | Target) -> Projections:
         q, which = _starts_from_virtual_joints(chain, flat, goal)
     scale = size_of(chain)
     found = newton.minimise(chain, q, which, lambda s: newton.position_rows(s, goal.p, scale), goal.objective)
+    everything, everything_of = found.q, which
     q, which = found.q[found.minimum], which[found.minimum]
     if family.complete and len(flat):  # what a closed form finds beside singular poses, to the last digit
         exact = solve_closed_form(chain, family, flat)
         at, _ = np.nonzero(exact.valid)
         q, which = np.concatenate([exact.q[exact.valid], q]), np.concatenate([at, which])
-    answers = _collect(chain, goal, q, which, _MET * scale, _last_is_free(chain, axis))
-    distance = _out_of_reach(chain, flat, answers[1])
+    last_is_free = _last_is_free(chain, axis)
+    answers = _collect(chain, goal, q, which, _MET * scale, last_is_free)
+    missed = np.asarray(~answers[1].any(axis=-1))
+    distance = np.zeros(len(flat))
+    if missed.any():
+        there, distance[missed] = _reached(chain, flat[missed])
+        # where the position hardly moves with any joint Newton's method comes to no rest: the best it went through
+        rest = missed[everything_of]
+        q = np.concatenate([everything[rest], there])
+        which = np.append(everything_of[rest], np.flatnonzero(missed))
+        second = _collect(chain, goal, q[~np.isnan(q[:, 0])], which[~np.isnan(q[:, 0])], _MET * scale, last_is_free)
+        for part, best in zip(answers, second, strict=True):
+            part[missed, 0] = best[missed, 0]
+        distance[answers[1].any(axis=-1)] = 0.0
     parts = [part.reshape((*shape, *part.shape[1:])) for part in (*answers, distance)]
     return Projections._make([*parts, geometric])
 
@@ -265,14 +278,12 @@ def unlimited(chain: Chain) -> Chain:
     return prepared(chain, "unlimited", None, lambda: replace(chain, limits=limits))
 
 
-def _out_of_reach(chain: Chain, T: FloatArray, valid: BoolArray) -> FloatArray:
-    """(N,) distances [m] by which positions are missed; 0 where there is an answer."""
-    distance = np.zeros(len(T))
-    missed = ~valid.any(axis=-1)
-    if missed.any():
-        answers = solve_numeric(unlimited(chain), ignore_orientation(T[missed, :3, 3]), restarts=64)
-        distance[missed] = np.where(answers.reached, 0.0, answers.nearest.position_error)
-    return distance
+def _reached(chain: Chain, T: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(N, n) joint values at the positions of poses, of the poses themselves if they are found; and (N,) distances [m]."""
+    whole = solve_numeric(unlimited(chain), T, restarts=64)
+    answers = solve_numeric(unlimited(chain), ignore_orientation(T[:, :3, 3]), restarts=64, position_tolerance=1e-12)
+    q = np.where(whole.reached[:, None], whole.q[:, 0], answers.q[:, 0])
+    return q, np.where(answers.reached, 0.0, answers.nearest.position_error)
 
 
 # Three parallel axes
