@@ -23,13 +23,13 @@ from pieper.errors import ArrayError
 from pieper.ik.family import size_of
 from pieper.ik.target import Target, pose
 from pieper.kinematics.joints import as_joints
-from pieper.spatial._checks import FloatArray
 from pieper.spatial.rotation import as_rotation_vector
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from pieper.model.chain import Chain
+    from pieper.spatial._checks import FloatArray
 
 RESIDUAL = 1e-11
 """What may be left of the rows of a target at a point of a curve [m and rad]."""
@@ -113,23 +113,23 @@ class Equations:
             along = (angular * self._wanted[:, None]).sum(axis=-2)
             turning = (self._across @ a[..., None]) * along[..., None, :]
             turning -= (a @ self._wanted)[..., None, None] * (self._across @ angular)
-            return np.cross(a, self._wanted) @ self._across.T, turning
+            return np.asarray(np.cross(a, self._wanted) @ self._across.T), np.asarray(turning)
         if not len(self._rotation):
-            return R[..., 0, :0], angular[..., :0, :]
+            return np.asarray(R[..., 0, :0]), np.asarray(angular[..., :0, :])
         e = as_rotation_vector(R @ self._R_T)
-        turn = (e @ self._rotation_axes.T)[..., self._rotation]
-        return turn, (self._rotation_axes @ _left_jacobian_inverse(e) @ angular)[..., self._rotation, :]
+        turning = self._rotation_axes @ _left_jacobian_inverse(e) @ angular
+        return np.asarray((e @ self._rotation_axes.T)[..., self._rotation]), turning[..., self._rotation, :]
 
     def errors(self, q: FloatArray) -> FloatArray:
         """(...): the largest error in any row [m or rad]; opposite orientations are told apart."""
         rows, _ = self(q)
-        largest = np.abs(rows).max(axis=-1) * max(1.0, self.length)
+        largest = np.asarray(np.abs(rows).max(axis=-1) * max(1.0, self.length))
         R = self.chain.native.fk(q)[..., :3, :3]
         if self.whole:
             angle = np.linalg.norm(R - self._R, axis=(-2, -1)) / np.sqrt(2.0)
-            return np.maximum(largest, angle)
+            return np.asarray(np.maximum(largest, angle))
         if self._axis is not None:
-            return np.maximum(largest, np.linalg.norm(R @ self._axis - self._wanted, axis=-1))
+            return np.asarray(np.maximum(largest, np.linalg.norm(R @ self._axis - self._wanted, axis=-1)))
         return largest
 
     def correct(self, q: FloatArray, iterations: int = 12) -> tuple[FloatArray, FloatArray, float, bool]:
@@ -239,7 +239,7 @@ class SolutionCurve:
         """
         places = self._breaks()
         middles = 0.5 * (places[1:] + places[:-1])
-        inside = (self._margins(self._points(middles)[0]) >= -_LIMIT_ROUNDING).all(axis=-1)
+        inside = np.all(self._margins(self._points(middles)[0]) >= -_LIMIT_ROUNDING, axis=-1).tolist()
         found: list[list[float]] = []
         for is_inside, start, end in zip(inside, places[:-1], places[1:], strict=True):
             if is_inside and found and found[-1][1] == start:
@@ -435,7 +435,7 @@ class SolutionCurve:
         rounds = (self.s, self.s[1:] + self.length) if self.closed else (self.s,)
         inner = np.concatenate(rounds)
         nodes = np.concatenate([[start], inner[(inner > start) & (inner < end)], [end]])
-        q, t = self._points(nodes)
+        q, _ = self._points(nodes)
         apart = self._copies(q, wanted, limited) - wanted
         distance = np.linalg.norm(apart, axis=1)
         # no point is farther from its nearest node than half the gap, so nodes that are too far lead nowhere
@@ -708,7 +708,8 @@ def _march(
     turns = turning(chain)
     lower, upper = np.where(turns, -np.inf, chain.limits[:, 0]), np.where(turns, np.inf, chain.limits[:, 1])
     first = _Point(begin.q, direction, begin.strength)
-    points, crossings = [first], []
+    points = [first]
+    crossings: list[int] = []
     here, bend = first, np.zeros_like(direction)
     h = 0.5 * step
     for _ in range(max_steps):

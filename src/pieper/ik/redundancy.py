@@ -18,8 +18,10 @@ tells which of the sampled solutions belong together.
 from __future__ import annotations
 
 import operator
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from math import isfinite
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -35,8 +37,6 @@ from pieper.spatial._checks import FloatArray, poses, stack
 from pieper.spatial.twist import exp
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from numpy.typing import ArrayLike, NDArray
 
     from pieper.model.chain import Chain
@@ -50,6 +50,7 @@ SAMPLES_OF_SELF_MOTION = 64
 _JOINTS = 7
 _TURN = 2.0 * np.pi
 _LIMIT_ROUNDING = 1e-12  # rad or m by which a value may be beyond its range
+_TOLERANCES = np.array([1e-9, 1e-9])
 _SAME = 1e-6  # rad or m: solutions no farther apart are one
 _MOST_HELD = 256  # arms with an inner joint held that are remembered
 
@@ -126,7 +127,9 @@ class Redundancy:
         if self.chain.is_revolute[self.joint] and (not limited or not upper - lower < _TURN):
             lower, upper = -np.pi, np.pi
         if not np.isfinite(upper - lower):
-            raise ArrayError(f"{self.joint_name} slides without limits, so that there is no range to sample; give values")
+            raise ArrayError(
+                f"{self.joint_name} slides without limits, so that there is no range to sample; give values"
+            )
         return np.asarray(lower + (np.arange(count) + 0.5) * ((upper - lower) / count))
 
     def transports(self, values: FloatArray) -> FloatArray:
@@ -257,12 +260,19 @@ def solve_redundant(
     True
     """
     redundancy = prepare(chain)
-    T = poses(T_base_tip, "T_base_tip")
+    tolerances = np.array([position_tolerance, rotation_tolerance])
     if values is None:
         plan = _sampled(redundancy, samples)
-        return _solve_end(redundancy, T, *plan, position_tolerance, rotation_tolerance, threads)
+        if _is_plain(T_base_tip):  # the kernels look at the targets, which are poses only if these are
+            try:
+                return _solve_end(redundancy, T_base_tip, *plan, tolerances, threads)
+            except ArrayError:
+                poses(T_base_tip, "T_base_tip")  # says it in terms of what came, if that is what is wrong
+                raise
+        return _solve_end(redundancy, poses(T_base_tip, "T_base_tip"), *plan, tolerances, threads)
+    T = poses(T_base_tip, "T_base_tip")
     name: str | None = None
-    if hasattr(values, "items"):
+    if isinstance(values, Mapping):
         if len(values) != 1:
             raise ArrayError(f"values must name one joint or 'swivel', got {len(values)} names: {', '.join(values)}")
         ((name, given),) = values.items()
@@ -270,13 +280,13 @@ def solve_redundant(
         given = values
     array = stack(np.atleast_1d(np.asarray(given)), ("m",), "values" if name is None else f"values of {name!r}")
     if name == "swivel":
-        return _solve_swivel(redundancy, T, array, swivel, position_tolerance, rotation_tolerance)
+        return _solve_swivel(redundancy, T, array, swivel, tolerances)
     joint = redundancy.joint if name is None else chain.joint_index(name)
     _require_in_range(chain, joint, array)
     if joint != redundancy.joint:
-        return _solve_inner(redundancy, T, joint, array, position_tolerance, rotation_tolerance, threads)
+        return _solve_inner(redundancy, T, joint, array, tolerances, threads)
     transports = redundancy.transports(array)
-    return _solve_end(redundancy, T, array, transports, position_tolerance, rotation_tolerance, threads)
+    return _solve_end(redundancy, T, array, transports, tolerances, threads)
 
 
 def self_motion(
@@ -327,7 +337,7 @@ def self_motion(
     if T.shape != (4, 4):
         raise ArrayError(f"self-motion is that of one pose, of shape (4, 4), got {T.shape}")
     plan = _sampled(redundancy, samples, limited=False)
-    answers = _solve_end(redundancy, T, *plan, 1e-9, 1e-9, 1)
+    answers = _solve_end(redundancy, T, *plan, _TOLERANCES, 1)
     left = answers.q[answers.valid]
     target = pose(T)
     curves: list[SolutionCurve] = []
@@ -424,7 +434,9 @@ def track_branches(solutions: RedundantSolutions, curves: list[SolutionCurve]) -
     True
     """
     if solutions.value.ndim != 1:
-        raise ArrayError(f"branches are those of one pose; these solutions have leading axes {solutions.value.shape[:-1]}")
+        raise ArrayError(
+            f"branches are those of one pose; these solutions have leading axes {solutions.value.shape[:-1]}"
+        )
     branch = np.full(solutions.valid.shape, -1)
     order = np.unique(solutions.value, return_inverse=True)[1]
     count = 0
@@ -443,7 +455,9 @@ def track_branches(solutions: RedundantSolutions, curves: list[SolutionCurve]) -
     return branch
 
 
-def _number(branch: NDArray[np.int64], on: NDArray[np.int64], order: NDArray[np.int64], closed: bool, count: int) -> int:
+def _number(
+    branch: NDArray[np.int64], on: NDArray[np.int64], order: NDArray[np.int64], closed: bool, count: int
+) -> int:
     """Numbers the runs of values that rise or fall by one along a curve; the next free number."""
     most = int(order.max()) if len(order) else 0
     steps = np.diff(order)
@@ -464,6 +478,13 @@ def _number(branch: NDArray[np.int64], on: NDArray[np.int64], order: NDArray[np.
         branch[on[run]] = count
         count += 1
     return count
+
+
+def _is_plain(T: object) -> TypeGuard[FloatArray]:
+    """True for finite float64 arrays of shape (..., 4, 4)."""
+    if type(T) is not np.ndarray or T.dtype != np.float64 or T.shape[-2:] != (4, 4):
+        return False
+    return isfinite(T.sum()) if T.ndim == 2 else bool(np.isfinite(T).all())
 
 
 def _without(chain: Chain, joint: int, value: float) -> Chain:
@@ -500,17 +521,14 @@ def _solve_end(
     T: FloatArray,
     values: FloatArray,
     transports: FloatArray,
-    position_tolerance: float,
-    rotation_tolerance: float,
+    tolerances: FloatArray,
     threads: int,
 ) -> RedundantSolutions:
     """The joint that `prepare` chose held at `values` (..., m)."""
     at = T[..., None, :, :]
     targets = transports @ at if redundancy.joint == 0 else at @ transports
-    q, valid, doubtful = _solve_six(
-        redundancy.rest, redundancy.family, redundancy.places, targets, position_tolerance, rotation_tolerance, threads
-    )
-    return _assembled(redundancy.chain, T, redundancy.joint, values, q, valid, doubtful, position_tolerance, rotation_tolerance)
+    q, valid, doubtful = _solve_six(redundancy.rest, redundancy.family, redundancy.places, targets, tolerances, threads)
+    return _assembled(redundancy.chain, T, redundancy.joint, values, q, valid, doubtful, tolerances)
 
 
 def _solve_six(
@@ -518,14 +536,15 @@ def _solve_six(
     family: Family,
     places: int,
     targets: FloatArray,
-    position_tolerance: float,
-    rotation_tolerance: float,
+    tolerances: FloatArray,
     threads: int,
 ) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
     """All solutions of the six joints that are left: q (..., k, 6), valid (..., k), doubtful (...)."""
     if family.has_closed_form:
-        tolerances = {"position_tolerance": position_tolerance, "rotation_tolerance": rotation_tolerance}
-        found = solve_closed_form(rest, family, targets, threads=threads, **tolerances)  # type: ignore[arg-type]
+        position, rotation = tolerances.tolist()
+        found = solve_closed_form(
+            rest, family, targets, position_tolerance=position, rotation_tolerance=rotation, threads=threads
+        )
         if places == found.q.shape[-2]:
             return found.q, found.valid, found.doubtful
         k = found.q.shape[-2]
@@ -551,21 +570,17 @@ def _assembled(
     q: FloatArray,
     valid: NDArray[np.bool_],
     doubtful: NDArray[np.bool_],
-    position_tolerance: float,
-    rotation_tolerance: float,
+    tolerances: FloatArray,
 ) -> RedundantSolutions:
     """Solutions of six joints (..., m, k, 6) with the seventh put in, judged as those of seven."""
-    *leading, m, k, n = q.shape
-    whole = np.empty((*leading, m, k, n + 1))
+    shape = q.shape
+    whole = np.empty((*shape[:-1], shape[-1] + 1))
     whole[..., :joint] = q[..., :joint]
     whole[..., joint + 1 :] = q[..., joint:]
     whole[..., joint] = values[..., None]
-    value = whole[..., joint].reshape(*leading, m * k)
-    if not valid.all():
-        value = value.copy()
-        whole[~valid] = np.nan
-    whole = whole.reshape(*leading, m * k, n + 1)
-    return _judged(chain, T, whole, valid.reshape(*leading, m * k), value, doubtful, position_tolerance, rotation_tolerance)
+    places = (*shape[:-3], shape[-3] * shape[-2])
+    whole = whole.reshape(*places, shape[-1] + 1)
+    return _judged(chain, T, whole, valid.reshape(places), whole[..., joint].copy(), doubtful, tolerances)
 
 
 def _judged(
@@ -575,34 +590,29 @@ def _judged(
     valid: NDArray[np.bool_],
     value: FloatArray,
     doubtful: NDArray[np.bool_],
-    position_tolerance: float,
-    rotation_tolerance: float,
+    tolerances: FloatArray,
 ) -> RedundantSolutions:
-    """Errors measured at the tip of the whole arm."""
-    position = np.full(valid.shape, np.nan)
-    rotation = np.full(valid.shape, np.nan)
-    reached = chain.native.fk(q[valid])
-    wanted = T if T.ndim == 2 else np.broadcast_to(T[..., None, :, :], (*valid.shape, 4, 4))[valid]
-    reached -= wanted
+    """Errors measured at the tip of the whole arm; empty places are made NaN."""
+    full = bool(valid.all())
+    if not full:
+        q[~valid] = 0.0
+    reached = chain.native.fk(q)
+    reached -= T[..., None, :, :]
     reached *= reached
-    squares = reached.reshape(-1, 16) @ _SUMS
-    np.sqrt(squares, out=squares)
-    position[valid] = squares[:, 0]
-    # |R - R_wanted| = 2 sqrt(2) sin(angle / 2)
-    rotation[valid] = 2.0 * np.arcsin(np.minimum(squares[:, 1] * (0.5 / np.sqrt(2.0)), 1.0))
-    good = (squares[:, 0] <= position_tolerance) & (squares[:, 1] <= rotation_tolerance * np.sqrt(2.0))
-    if not good.all():
-        judged = np.zeros_like(valid)
-        judged[valid] = good
-        valid = judged
-        q[~valid] = np.nan
-        position[~valid] = rotation[~valid] = np.nan
-    return RedundantSolutions(q, valid, position, rotation, value, doubtful)
+    errors = reached.reshape(*valid.shape, 16) @ _SUMS
+    np.sqrt(errors, out=errors)
+    good = (errors <= tolerances).all(axis=-1)
+    if not full or not good.all():
+        valid = valid & good
+        empty = ~valid
+        q[empty] = np.nan
+        errors[empty] = np.nan
+    return RedundantSolutions(q, valid, errors[..., 0], errors[..., 1], value, doubtful)
 
 
 _SUMS = np.zeros((16, 2))
 _SUMS[[3, 7, 11], 0] = 1.0
-_SUMS[[0, 1, 2, 4, 5, 6, 8, 9, 10], 1] = 1.0
+_SUMS[[0, 1, 2, 4, 5, 6, 8, 9, 10], 1] = 0.5  # |R - R_wanted| = 2 sqrt(2) sin(angle / 2), and the angle is small
 
 
 def _solve_inner(
@@ -610,8 +620,7 @@ def _solve_inner(
     T: FloatArray,
     joint: int,
     values: FloatArray,
-    position_tolerance: float,
-    rotation_tolerance: float,
+    tolerances: FloatArray,
     threads: int,
 ) -> RedundantSolutions:
     """Another joint held: the six that are left are another arm for each value, unless the joint is the other end."""
@@ -627,9 +636,9 @@ def _solve_inner(
         rest, family = _held(redundancy, joint, float(number))
         here = np.nonzero(held == number)
         targets = np.ascontiguousarray(T[here[:-1]])
-        found, good, unsure = _solve_six(rest, family, k, targets, position_tolerance, rotation_tolerance, threads)
+        found, good, unsure = _solve_six(rest, family, k, targets, tolerances, threads)
         q[here], valid[here], doubtful[here] = found, good, unsure
-    return _assembled(chain, T, joint, held, q, valid, doubtful, position_tolerance, rotation_tolerance)
+    return _assembled(chain, T, joint, held, q, valid, doubtful, tolerances)
 
 
 def _held(redundancy: Redundancy, joint: int, value: float) -> tuple[Chain, Family]:
@@ -656,8 +665,7 @@ def _solve_swivel(
     T: FloatArray,
     angles: FloatArray,
     swivel: Swivel | None,
-    position_tolerance: float,
-    rotation_tolerance: float,
+    tolerances: FloatArray,
 ) -> RedundantSolutions:
     chain = redundancy.chain
     points = swivel or redundancy.swivel or find_swivel(chain)  # the last one says why there is none
@@ -669,6 +677,4 @@ def _solve_swivel(
     *leading, m, k, n = q.shape
     q, value = q.reshape(*leading, m * k, n), value.reshape(*leading, m * k)
     valid = ~np.isnan(q[..., 0])
-    return _judged(
-        chain, T, q, valid, value, np.zeros(angles.shape, dtype=bool), position_tolerance, rotation_tolerance
-    )
+    return _judged(chain, T, q, valid, value, np.zeros(angles.shape, dtype=bool), tolerances)

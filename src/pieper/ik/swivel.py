@@ -40,7 +40,9 @@ if TYPE_CHECKING:
 
 Kind = Literal["stereographic", "conventional"]
 
-_CLEARLY_APART = 0.02  # [rad] neighbouring axes of a shoulder or a wrist at a smaller angle cannot turn to all directions
+_CLEARLY_APART = (
+    0.02  # [rad] neighbouring axes of a shoulder or a wrist at a smaller angle cannot turn to all directions
+)
 _ON_THE_LINE = 1e-9  # of the size of the arm: an elbow as near to the line SW has no direction from it
 
 
@@ -108,7 +110,9 @@ def find_swivel(
     """
     why = "a swivel angle needs seven revolute joints, of which the first three meet in a point and the last three meet in one"
     if chain.is_coupled or len(chain.screws) != 7 or not chain.is_revolute.all():
-        raise ArrayError(f"{why}; {chain.name!r} has {int(chain.is_revolute.sum())} axes that turn, of {len(chain.screws)}")
+        raise ArrayError(
+            f"{why}; {chain.name!r} has {int(chain.is_revolute.sum())} axes that turn, of {len(chain.screws)}"
+        )
     if kind not in ("stereographic", "conventional"):
         raise ArrayError(f"kind must be 'stereographic' or 'conventional', got {kind!r}")
     scale = size_of(chain)
@@ -236,7 +240,9 @@ def solve_swivel(swivel: Swivel, T_base_tip: FloatArray, angles: FloatArray) -> 
     far = np.linalg.norm(off0, axis=-1, keepdims=True)
     bends = np.cross(e0, w[3]) * np.array([1.0, -1.0])[:, None] * np.sign(e0 @ EW)[..., None]
     off0 = _units(np.where(far > _ON_THE_LINE * size_of(chain), off0, bends))
-    off0 = _units(off0 - e0 * (off0 * e0).sum(axis=-1, keepdims=True))  # once more: a short one is not across to the last digit
+    off0 = _units(
+        off0 - e0 * (off0 * e0).sum(axis=-1, keepdims=True)
+    )  # once more: a short one is not across to the last digit
     frame0 = np.stack([e0, off0, np.cross(e0, off0)], axis=-1)
     x = swivel.reference(e_SW)
     y = np.cross(e_SW, x)
@@ -299,7 +305,9 @@ def _three_turns(axes: FloatArray, R: FloatArray) -> FloatArray:
     A = float(w1 @ w2) * float(w2 @ w3)
     B, C = float(w1 @ w3) - A, float(w1 @ np.cross(w2, w3))
     b = _two_angles(B, C, v @ w1 - A)
-    if abs(float(np.hypot(B, C)) - 1.0) < 1e-9:  # right angles: the sine is known too, and small angles keep their digits
+    if (
+        abs(float(np.hypot(B, C)) - 1.0) < 1e-9
+    ):  # right angles: the sine is known too, and small angles keep their digits
         half = np.arctan2(np.linalg.norm(np.cross(w1, v), axis=-1), v @ w1)
         b = _wrapped(np.arctan2(C, B) + np.stack([half, -half], axis=-1))
     at = _exponential(w2, b) @ w3
