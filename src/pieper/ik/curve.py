@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -23,16 +24,19 @@ from pieper.errors import ArrayError
 from pieper.ik.family import size_of
 from pieper.ik.target import Target, pose
 from pieper.kinematics.joints import as_joints
+from pieper.spatial._checks import FloatArray
 from pieper.spatial.rotation import as_rotation_vector
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from pieper.model.chain import Chain
-    from pieper.spatial._checks import FloatArray
 
 RESIDUAL = 1e-11
 """What may be left of the rows of a target at a point of a curve [m and rad]."""
+
+RESIDUAL_OF_FAMILIES = 9e-10
+"""The same for curves at singular poses: those of an arm whose description rounds right angles are curves only so far."""
 
 _TURN = 2.0 * np.pi
 _SOLVES = 1e-5  # [m and rad] a starting point that misses by more is not taken for a solution
@@ -43,8 +47,10 @@ _STRAIGHT = 0.06  # rad, a tangent that turns by less in a step allows a longer 
 _SHORTEST = 1e-7  # steps below this are given up
 _CAUTION = 0.5  # steps are at most this times the least singular value that should not vanish, which grows with the distance to a branch point
 _BRANCHING = 1e-5  # below this singular value there is a branch point ahead, closer than its curves can be told apart
+_SURFACE = "the solutions near q form a surface, not a curve; hold a joint or ask for more rows"
+_NO_WAY_ON = "no way on"
 _LIMIT_ROUNDING = 1e-12  # rad or m by which a joint limit may be passed
-_SAME_DIRECTION = 1e-6  # tangents that differ by no more are those of a straight line
+_STAYS = 1e-5  # rad or m: what changes by no more along a curve is constant; beside branch points 1e-6 is rounding
 
 
 class NearestPoint(NamedTuple):
@@ -66,10 +72,14 @@ class Equations:
     chain : Chain
     target : Target
         One target.
+    held : (int, float), optional
+        A joint, and the value that it is to keep: one more row.
     """
 
-    def __init__(self, chain: Chain, target: Target) -> None:
+    def __init__(self, chain: Chain, target: Target, held: tuple[int, float] | None = None) -> None:
         self.chain = chain
+        self.target = target
+        self.held = held
         self.rank = chain.dof - 1
         self.length = size_of(chain)
         T = np.asarray(target.T_base_tip)
@@ -88,11 +98,22 @@ class Equations:
             self._rotation = np.flatnonzero(weights[3:])
             self._rotation_axes = self._R_T if target.rotation_axes == "tool" else np.eye(3)
         self.whole = bool(weights.all()) and self._axis is None and not self._turned
-        self.count = len(self._position) + len(self._rotation)
-        self.tolerance = 0.5 * RESIDUAL / max(1.0, self.length)
+        self.count = len(self._position) + len(self._rotation) + (held is not None)
+        self.tolerance = RESIDUAL / max(1.0, self.length)
+        singular = self.count > self.rank
+        self.accepted = RESIDUAL_OF_FAMILIES / max(1.0, self.length) if singular else self.tolerance
 
     def __call__(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals (..., m) and their derivative (..., m, n) at joint values (..., n)."""
+        rows, derivative = self._rows(q)
+        if self.held is None:
+            return rows, derivative
+        joint, value = self.held
+        one = np.zeros((*derivative.shape[:-2], 1, derivative.shape[-1]))
+        one[..., joint] = 1.0
+        return np.concatenate([rows, q[..., [joint]] - value], axis=-1), np.concatenate([derivative, one], axis=-2)
+
+    def _rows(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         native = self.chain.native
         T, J = native.fk(q), native.jacobian(q)
         off = (T[..., :3, 3] - self._p) / self.length
@@ -141,14 +162,14 @@ class Equations:
         for _ in range(iterations):
             r, J = self(q)
             U, s, Vt = np.linalg.svd(J)
-            worst = float(np.abs(r).max())
+            worst = sqrt(float(r @ r))
             if worst <= self.tolerance:
                 return q, Vt[rank], float(s[rank - 1]), True
             if not worst < 0.9 * before or s[rank - 1] <= 0.0:
                 break
             before = worst
             q = q - ((r @ U[:, :rank]) / s[:rank]) @ Vt[:rank]
-        return q, Vt[rank], float(s[rank - 1]), False
+        return q, Vt[rank], float(s[rank - 1]), worst <= self.accepted
 
     def correct_many(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As `correct`, for points (k, n) that are on the curve but for interpolation: the points and their tangents."""
@@ -156,7 +177,7 @@ class Equations:
         for _ in range(4):
             r, J = self(q)
             U, s, Vt = np.linalg.svd(J)
-            if np.abs(r).max(initial=0.0) <= 0.1 * self.tolerance:
+            if (r * r).sum(axis=-1).max(initial=0.0) <= (0.1 * self.tolerance) ** 2:
                 break
             across = np.where(s[:, :rank] > 1e-9, 1.0 / np.maximum(s[:, :rank], 1e-9), 0.0)
             weights = across * (np.swapaxes(U[:, :, :rank], -1, -2) @ r[..., None])[..., 0]
@@ -185,6 +206,8 @@ class SolutionCurve:
         Why it ends where it does: ``"closed"``, or what was met at its ends.
     branch_points : (k,) array
         Places where another curve crosses, as near as curves can be told apart.
+    held : (int, float), optional
+        A joint that stays, and its value, where the Jacobian alone does not show the direction of the curve: a straight arm.
     """
 
     chain: Chain
@@ -195,6 +218,7 @@ class SolutionCurve:
     closed: bool
     ends: str
     branch_points: FloatArray
+    held: tuple[int, float] | None = None
 
     @property
     def length(self) -> float:
@@ -209,7 +233,7 @@ class SolutionCurve:
     @cached_property
     def coupling(self) -> str:
         """What holds all along the curve, in words: a joint that is free, sums and differences that stay; or nothing."""
-        moving = np.flatnonzero(np.abs(self.tangents).max(axis=0) > _SAME_DIRECTION)
+        moving = np.flatnonzero(np.ptp(self.q, axis=0) > _STAYS)
         names = self.chain.joint_names
         if len(moving) == 1:
             return f"{names[moving[0]]} free"
@@ -217,14 +241,14 @@ class SolutionCurve:
         for k, i in enumerate(moving):
             for j in moving[k + 1 :]:
                 for sign, word in ((1.0, "+"), (-1.0, "-")):
-                    if np.abs(self.tangents[:, i] + sign * self.tangents[:, j]).max() <= _SAME_DIRECTION:
+                    if np.ptp(self.q[:, i] + sign * self.q[:, j]) <= _STAYS:
                         said.append(f"{names[i]} {word} {names[j]} = const")
         return ", ".join(said)
 
     @cached_property
     def equations(self) -> Equations:
         """The equations that every point meets."""
-        return Equations(self.chain, self.target)
+        return Equations(self.chain, self.target, self.held)
 
     @cached_property
     def within_limits(self) -> NDArray[np.bool_]:
@@ -562,7 +586,9 @@ def follow(
     begin = _begin(equations, start, wanted)
     if begin is None:
         return None
-    return _trace(chain, goal, equations, *begin, step=step, max_steps=max_steps)
+    curve = _trace(*begin, step=step, max_steps=max_steps)
+    # at a singular pose solutions beside each other within rounding are no curve, and soon leave the target
+    return None if curve.ends == _NO_WAY_ON and equations.count > equations.rank else curve
 
 
 def turning(chain: Chain) -> NDArray[np.bool_]:
@@ -614,8 +640,11 @@ class _Point(NamedTuple):
     strength: float  # the least singular value that vanishes only where curves cross
 
 
-def _begin(equations: Equations, q: FloatArray, wanted: FloatArray | None) -> tuple[_Point, FloatArray] | None:
-    """A regular point of the curve with its tangent, and the direction to go; None where the solution is isolated."""
+_Begin = tuple[Equations, _Point, FloatArray]
+
+
+def _begin(equations: Equations, q: FloatArray, wanted: FloatArray | None) -> _Begin | None:
+    """A regular point of the curve, and the direction to go; None where the solution is isolated."""
     rank = equations.rank
     here, t, strength, met = equations.correct(q)
     if not met or strength <= _BRANCHING:
@@ -624,17 +653,21 @@ def _begin(equations: Equations, q: FloatArray, wanted: FloatArray | None) -> tu
         t = -t
     if equations.count > rank:
         _, J = equations(here)
-        if np.linalg.svd(J, compute_uv=False)[rank] > _BRANCHING:
+        if np.linalg.svd(J, compute_uv=False)[rank] > _BRANCHING or not _goes_on(equations, here, t):
             return None
-        on = [equations.correct(here + h * t) for h in (_PROBE, -_PROBE)]
-        if not any(met and np.linalg.norm(end - here) > 0.5 * _PROBE for end, _, _, met in on):
-            return None
-    return _Point(here, t, strength), t
+    return equations, _Point(here, t, strength), t
 
 
-def _leave_branch_point(
-    equations: Equations, q: FloatArray, wanted: FloatArray | None
-) -> tuple[_Point, FloatArray] | None:
+def _goes_on(equations: Equations, q: FloatArray, t: FloatArray) -> bool:
+    """True when a step along the tangent, one way or the other, can be brought back to a solution."""
+    for h in (_PROBE, -_PROBE):
+        end, _, _, met = equations.correct(q + h * t)
+        if met and np.linalg.norm(end - q) > 0.5 * _PROBE:
+            return True
+    return False
+
+
+def _leave_branch_point(equations: Equations, q: FloatArray, wanted: FloatArray | None) -> _Begin | None:
     """The null space has two dimensions or more at `q`: take a step in it that leads to a curve."""
     _, J = equations(q)
     values = np.zeros(equations.chain.dof)
@@ -647,7 +680,7 @@ def _leave_branch_point(
         along = (null @ wanted) @ null
         directions = [along / np.linalg.norm(along)]
     else:
-        angles = np.arange(24) * (np.pi / 24)
+        angles = np.arange(24) * (np.pi / 24) + 0.01
         pairs = [(a, b) for a in range(len(null)) for b in range(a + 1, len(null))]
         directions = [np.cos(x) * null[a] + np.sin(x) * null[b] for a, b in pairs for x in angles]
     best, least, flat = None, np.inf, 0
@@ -655,18 +688,31 @@ def _leave_branch_point(
         end, t, strength, met = equations.correct(q + _PROBE * d)
         if not met:
             continue
-        flat += strength <= _BRANCHING
         sideways = float(np.linalg.norm(end - q - _PROBE * d))
+        flat += strength <= _BRANCHING and sideways < 0.1 * _PROBE
         if strength > _BRANCHING and sideways < min(least, 0.5 * _PROBE) and abs(float(t @ d)) > 0.7:
-            best, least = (_Point(end, t, strength), t if float(t @ d) > 0.0 else -t), sideways
+            best, least = (equations, _Point(end, t, strength), t if float(t @ d) > 0.0 else -t), sideways
+    if best is None and 3 * flat > len(directions):
+        raise ArrayError(_SURFACE)
+    if best is None and equations.held is None:
+        best = _along_degenerate(equations, q, wanted)
     if best is None and flat:
-        raise ArrayError("the solutions near q form a surface, not a curve; hold a joint or ask for more rows")
+        raise ArrayError(_SURFACE)
     return best
 
 
+def _along_degenerate(equations: Equations, q: FloatArray, wanted: FloatArray | None) -> _Begin | None:
+    """A curve whose Jacobian has one rank less all along, as that of a straight arm; with one joint held it has not."""
+    for joint in range(equations.chain.dof):
+        holding = Equations(equations.chain, equations.target, (joint, float(q[joint])))
+        here, t, strength, met = holding.correct(q)
+        if met and strength > _BRANCHING and _goes_on(holding, here, t):
+            back = wanted is not None and float(t @ wanted) < 0.0
+            return holding, _Point(here, t, strength), -t if back else t
+    return None
+
+
 def _trace(
-    chain: Chain,
-    target: Target,
     equations: Equations,
     begin: _Point,
     direction: FloatArray,
@@ -687,7 +733,7 @@ def _trace(
     q, t = np.array([p.q for p in points]), np.array([p.t for p in points])
     s = _lengths(q, t)
     between = np.array([0.5 * (s[i] + s[i + 1]) for i in sorted(crossings)])
-    return SolutionCurve(chain, target, q, s, t, closed, words, between.reshape(-1))
+    return SolutionCurve(equations.chain, equations.target, q, s, t, closed, words, between.reshape(-1), equations.held)
 
 
 def _lengths(q: FloatArray, t: FloatArray) -> FloatArray:
@@ -722,7 +768,7 @@ def _march(
             h = min(h, step, max(_CAUTION * here.strength, _BRANCHING))
             end, h = _step(equations, here, bend, h)
             if end is None:
-                return points, "no way on", crossings
+                return points, _NO_WAY_ON, crossings
         last = _closes(first, here, end, turns, len(points)) if len(points) > 2 else None
         if last is not None:
             points.append(last)
