@@ -46,6 +46,7 @@ _BEND = 0.2  # rad, most that the tangent may turn in a step
 _STRAIGHT = 0.06  # rad, a tangent that turns by less in a step allows a longer one
 _SHORTEST = 1e-7  # steps below this are given up
 _CAUTION = 0.5  # steps are at most this times the least singular value that should not vanish, which grows with the distance to a branch point
+_NULL = 1e-4  # singular values up to this are those of the null space at a branch point, which is not known to the last digit
 _BRANCHING = 1e-5  # below this singular value there is a branch point ahead, closer than its curves can be told apart
 _SURFACE = "the solutions near q form a surface, not a curve; hold a joint or ask for more rows"
 _NO_WAY_ON = "no way on"
@@ -669,13 +670,32 @@ def _goes_on(equations: Equations, q: FloatArray, t: FloatArray) -> bool:
 
 def _leave_branch_point(equations: Equations, q: FloatArray, wanted: FloatArray | None) -> _Begin | None:
     """The null space has two dimensions or more at `q`: take a step in it that leads to a curve."""
+    found = _ways_from(equations, q, wanted)
+    if found.flat:
+        raise ArrayError(_SURFACE)
+    if found.ways:
+        return found.ways[0]
+    begin = _along_degenerate(equations, q, wanted) if equations.held is None else None
+    if begin is None and found.others:
+        raise ArrayError(_SURFACE)
+    return begin
+
+
+class _Ways(NamedTuple):
+    ways: list[_Begin]  # curves, the one that bends least first
+    flat: bool  # most directions lead to solutions: a surface
+    others: bool  # there are solutions nearby
+
+
+def _ways_from(equations: Equations, q: FloatArray, wanted: FloatArray | None = None) -> _Ways:
+    """The curves that leave a point where the null space has two dimensions or more, by a step in each of many directions."""
     _, J = equations(q)
     values = np.zeros(equations.chain.dof)
     _, s, Vt = np.linalg.svd(J)
     values[: len(s)] = s
-    null = Vt[values <= 10.0 * _BRANCHING]
+    null = Vt[values <= _NULL]
     if len(null) < 2:
-        return None
+        return _Ways([], False, False)
     if wanted is not None and np.linalg.norm(null @ wanted) > 0.0:
         along = (null @ wanted) @ null
         directions = [along / np.linalg.norm(along)]
@@ -683,33 +703,43 @@ def _leave_branch_point(equations: Equations, q: FloatArray, wanted: FloatArray 
         angles = np.arange(24) * (np.pi / 24) + 0.01
         pairs = [(a, b) for a in range(len(null)) for b in range(a + 1, len(null))]
         directions = [np.cos(x) * null[a] + np.sin(x) * null[b] for a, b in pairs for x in angles]
-    best, least, flat = None, np.inf, 0
+    found: list[tuple[float, _Begin]] = []
+    flat = others = 0
     for d in directions:
-        end, t, strength, met = equations.correct(q + _PROBE * d)
+        end, t, strength, met = equations.correct(q + _PROBE * d, 40)
         if not met:
             continue
+        moved = float(np.linalg.norm(end - q))
         sideways = float(np.linalg.norm(end - q - _PROBE * d))
+        others += moved > 0.3 * _PROBE
         flat += strength <= _BRANCHING and sideways < 0.1 * _PROBE
-        if strength > _BRANCHING and sideways < min(least, 0.5 * _PROBE) and abs(float(t @ d)) > 0.7:
-            best, least = (equations, _Point(end, t, strength), t if float(t @ d) > 0.0 else -t), sideways
-    if best is None and 3 * flat > len(directions):
-        raise ArrayError(_SURFACE)
-    if best is None and equations.held is None:
-        best = _along_degenerate(equations, q, wanted)
-    if best is None and flat:
-        raise ArrayError(_SURFACE)
-    return best
+        if strength > _BRANCHING and sideways < 0.5 * _PROBE and abs(float(t @ (end - q))) > 0.9 * moved:
+            out = t if float(t @ d) > 0.0 else -t
+            found.append((sideways, (equations, _Point(end, t, strength), out)))
+    ways: list[_Begin] = []
+    for _, way in sorted(found, key=lambda entry: entry[0]):
+        ends = [np.linalg.norm(way[1].q - q - sign * (other[1].q - q)) for other in ways for sign in (1.0, -1.0)]
+        if min(ends, default=np.inf) > 0.2 * _PROBE:
+            ways.append(way)
+    return _Ways(ways, not ways and 3 * flat > len(directions), others > 0)
+
+
+def crossing(curve: SolutionCurve) -> FloatArray:
+    """Points (k, n) of the curves that cross at the branch points of one, a little away from it; its own among them."""
+    found = [way[1].q for s in curve.branch_points for way in _ways_from(curve.equations, curve.at(s), None).ways]
+    return np.array(found).reshape(-1, curve.chain.dof)
 
 
 def _along_degenerate(equations: Equations, q: FloatArray, wanted: FloatArray | None) -> _Begin | None:
     """A curve whose Jacobian has one rank less all along, as that of a straight arm; with one joint held it has not."""
+    best, most = None, _BRANCHING
     for joint in range(equations.chain.dof):
         holding = Equations(equations.chain, equations.target, (joint, float(q[joint])))
         here, t, strength, met = holding.correct(q)
-        if met and strength > _BRANCHING and _goes_on(holding, here, t):
+        if met and strength > most and _goes_on(holding, here, t):
             back = wanted is not None and float(t @ wanted) < 0.0
-            return holding, _Point(here, t, strength), -t if back else t
-    return None
+            best, most = (holding, _Point(here, t, strength), -t if back else t), strength
+    return best
 
 
 def _trace(

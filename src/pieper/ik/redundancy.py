@@ -29,10 +29,11 @@ import numpy as np
 from pieper.errors import ArrayError
 from pieper.ik import general_6r
 from pieper.ik.closed_form import solve_closed_form
-from pieper.ik.curve import NearestPoint, SolutionCurve, follow
+from pieper.ik.curve import NearestPoint, SolutionCurve, crossing, follow
 from pieper.ik.family import Family, find_family
 from pieper.ik.swivel import Swivel, find_swivel, solve_swivel
 from pieper.ik.target import pose
+from pieper.kinematics.joints import as_joints
 from pieper.spatial._checks import FloatArray, poses, stack
 from pieper.spatial.twist import exp
 
@@ -52,6 +53,8 @@ _TURN = 2.0 * np.pi
 _LIMIT_ROUNDING = 1e-12  # rad or m by which a value may be beyond its range
 _TOLERANCES = np.array([1e-9, 1e-9])
 _SAME = 1e-6  # rad or m: solutions no farther apart are one
+_SOLVES = 1e-8  # m or -: how well a joint vector has to meet a pose to be taken for a solution
+_MOST_CURVES = 64
 _MOST_HELD = 256  # arms with an inner joint held that are remembered
 
 
@@ -290,7 +293,12 @@ def solve_redundant(
 
 
 def self_motion(
-    chain: Chain, T_base_tip: ArrayLike, *, samples: int = SAMPLES_OF_SELF_MOTION, step: float = 0.1
+    chain: Chain,
+    T_base_tip: ArrayLike,
+    *,
+    also: ArrayLike | None = None,
+    samples: int = SAMPLES_OF_SELF_MOTION,
+    step: float = 0.1,
 ) -> list[SolutionCurve]:
     """The curves of all solutions of a pose, of an arm with seven joints.
 
@@ -303,8 +311,10 @@ def self_motion(
         Seven joints.
     T_base_tip : (4, 4) array_like
         Pose of the tip in the base frame [m, -].
+    also : (n,) array_like, optional
+        Joint values [rad or m] whose curve is to be among them, if they are a solution.
     samples : int
-        Values of the joint that `prepare` chose.
+        Values of the joint that `prepare` chose, and of the swivel angle where there is one.
     step : float
         Largest distance between points of a curve.
 
@@ -336,17 +346,29 @@ def self_motion(
     T = poses(T_base_tip, "T_base_tip")
     if T.shape != (4, 4):
         raise ArrayError(f"self-motion is that of one pose, of shape (4, 4), got {T.shape}")
-    plan = _sampled(redundancy, samples, limited=False)
-    answers = _solve_end(redundancy, T, *plan, _TOLERANCES, 1)
+    answers = _solve_end(redundancy, T, *_sampled(redundancy, samples, limited=False), _TOLERANCES, 1)
     left = answers.q[answers.valid]
+    if redundancy.swivel is not None:
+        angles: FloatArray = (np.arange(samples, dtype=float) + 0.5) * (_TURN / samples) - np.pi
+        answers = _solve_swivel(redundancy, T, angles, None, _TOLERANCES)
+        left = np.concatenate([left, answers.q[answers.valid]])
+    if also is not None:
+        here = as_joints(chain, also, name="also")
+        if here.ndim != 1:
+            raise ArrayError(f"also must have shape ({chain.dof},), got {here.shape}")
+        if np.abs(chain.native.fk(here) - T).max() < _SOLVES:
+            left = np.concatenate([here[None], left])
     target = pose(T)
     curves: list[SolutionCurve] = []
-    while len(left):
+    while len(left) and len(curves) < _MOST_CURVES:
         curve = follow(chain, target, left[0], step=step)
         left = left[1:]
         if curve is not None:
             curves.append(curve)
             left = left[~curve.contains(left, tolerance=_SAME)]
+            for point in crossing(curve):
+                if not any(known.contains(point, tolerance=_SAME) for known in curves):
+                    left = np.concatenate([left, point[None]])
     return sorted(curves, key=lambda curve: -curve.length)
 
 
@@ -393,7 +415,7 @@ def nearest_on_self_motion(
     array([ 0.1, -0.5,  0.2, -2. ,  0.3,  1.6,  0.7])
     """
     best = NearestPoint(np.full(chain.dof, np.nan), np.nan, np.inf)
-    for curve in self_motion(chain, T_base_tip, samples=samples):
+    for curve in self_motion(chain, T_base_tip, also=seed, samples=samples):
         best = min(best, curve.nearest(seed, within_limits=within_limits), key=lambda point: point.distance)
     return best
 
