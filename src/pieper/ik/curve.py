@@ -43,6 +43,7 @@ _SOLVES = 1e-5  # [m and rad] a starting point that misses by more is not taken 
 _PROBE = 1e-2  # length of the step that tells a curve from an isolated double solution
 _SIDEWAYS = 0.1  # a step whose end is brought back across the curve by more than this share of it was too long
 _BEND = 0.2  # rad, most that the tangent may turn in a step
+_OTHER_WAY = 0.95  # curves that leave a branch point at a larger cosine are one
 _STRAIGHT = 0.06  # rad, a tangent that turns by less in a step allows a longer one
 _SHORTEST = 1e-7  # steps below this are given up
 _CAUTION = 0.5  # steps are at most this times the least singular value that should not vanish, which grows with the distance to a branch point
@@ -145,7 +146,8 @@ class Equations:
     def errors(self, q: FloatArray) -> FloatArray:
         """(...): the largest error in any row [m or rad]; opposite orientations are told apart."""
         rows, _ = self(q)
-        largest = np.asarray(np.abs(rows).max(axis=-1) * max(1.0, self.length))
+        units = np.where(np.arange(self.count) < len(self._position), self.length, 1.0)
+        largest = np.asarray(np.abs(rows * units).max(axis=-1))
         R = self.chain.native.fk(q)[..., :3, :3]
         if self.whole:
             angle = np.linalg.norm(R - self._R, axis=(-2, -1)) / np.sqrt(2.0)
@@ -718,8 +720,7 @@ def _ways_from(equations: Equations, q: FloatArray, wanted: FloatArray | None = 
             found.append((sideways, (equations, _Point(end, t, strength), out)))
     ways: list[_Begin] = []
     for _, way in sorted(found, key=lambda entry: entry[0]):
-        ends = [np.linalg.norm(way[1].q - q - sign * (other[1].q - q)) for other in ways for sign in (1.0, -1.0)]
-        if min(ends, default=np.inf) > 0.2 * _PROBE:
+        if all(abs(float(way[2] @ other[2])) < _OTHER_WAY for other in ways):
             ways.append(way)
     return _Ways(ways, not ways and 3 * flat > len(directions), others > 0)
 

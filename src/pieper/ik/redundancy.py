@@ -421,7 +421,7 @@ def nearest_on_self_motion(
 
 
 def track_branches(solutions: RedundantSolutions, curves: list[SolutionCurve]) -> NDArray[np.int64]:
-    """Which solutions of one pose, for values of a joint in ascending order, belong to one branch.
+    """Which solutions of one pose for several values of a joint belong to one branch.
 
     Along a branch the value rises or falls and the other joints follow it; at a fold it turns back and another branch begins. Two
     solutions for neighbouring values belong to one branch when a curve leads from one to the other without a fold between.
@@ -429,7 +429,7 @@ def track_branches(solutions: RedundantSolutions, curves: list[SolutionCurve]) -
     Parameters
     ----------
     solutions : RedundantSolutions
-        Those of one pose, for one joint.
+        Those of one pose for values of one joint.
     curves : list of SolutionCurve
         The curves of the same pose, as `self_motion` gives them.
 
@@ -441,7 +441,7 @@ def track_branches(solutions: RedundantSolutions, curves: list[SolutionCurve]) -
     Raises
     ------
     ArrayError
-        The solutions are those of several poses.
+        The solutions are those of several poses, or of swivel angles.
 
     Examples
     --------
@@ -451,55 +451,57 @@ def track_branches(solutions: RedundantSolutions, curves: list[SolutionCurve]) -
     >>> T = fk(arm, [0.1, 0.5, 0.2, -1.2, 0.3, 0.9, 0.4])
     >>> answers = solve_redundant(arm, T)
     >>> branch = track_branches(answers, self_motion(arm, T))
-    >>> q = answers.q[branch == 0]
-    >>> bool((abs(np.diff(q[:, prepare(arm).joint])) < 0.5).all())
-    True
+    >>> answers.q[branch == 0][:, prepare(arm).joint].round(2)
+    array([0.19, 0.57, 0.95])
     """
     if solutions.value.ndim != 1:
         raise ArrayError(
             f"branches are those of one pose; these solutions have leading axes {solutions.value.shape[:-1]}"
         )
     branch = np.full(solutions.valid.shape, -1)
-    order = np.unique(solutions.value, return_inverse=True)[1]
-    count = 0
     left = solutions.valid.copy()
+    if not left.any():
+        return branch
+    held = np.flatnonzero((solutions.q[left] == solutions.value[left, None]).all(axis=0))
+    if not len(held):
+        raise ArrayError("branches are followed along values of a joint, and these solutions are those of other values")
+    gap = 1.001 * float(np.diff(np.unique(solutions.value)).max(initial=0.0))
+    count = 0
     for curve in curves:
-        held = np.flatnonzero(left)
-        if not len(held):
-            break
-        places = curve.place(solutions.q[held], tolerance=_SAME)
-        on = held[~np.isnan(places)]
+        tried = np.flatnonzero(left)
+        places = curve.place(solutions.q[tried], tolerance=_SAME)
+        on, places = tried[~np.isnan(places)], places[~np.isnan(places)]
         if not len(on):
             continue
         left[on] = False
-        on = on[np.argsort(places[~np.isnan(places)], kind="stable")]
-        count = _number(branch, on, order[on], curve.closed, count)
+        order = np.argsort(places, kind="stable")
+        on, places = on[order], places[order]
+        runs = np.split(np.arange(len(on)), np.flatnonzero(~_joined(curve, int(held[0]), places, gap)[:-1]) + 1)
+        if len(runs) > 1 and _joined(curve, int(held[0]), places, gap)[-1]:  # the curve began in the middle of a branch
+            runs[0] = np.concatenate([runs.pop(), runs[0]])
+        for run in runs:
+            branch[on[run]] = count
+            count += 1
     return branch
 
 
-def _number(
-    branch: NDArray[np.int64], on: NDArray[np.int64], order: NDArray[np.int64], closed: bool, count: int
-) -> int:
-    """Numbers the runs of values that rise or fall by one along a curve; the next free number."""
-    most = int(order.max()) if len(order) else 0
-    steps = np.diff(order)
-    starts = [0]
-    for i in range(1, len(on)):
-        way = steps[i - 1]
-        turned = i - 1 > starts[-1] and way != steps[i - 2]
-        if abs(way) != 1 or turned:
-            starts.append(i)
-    runs = [list(range(a, b)) for a, b in zip(starts, [*starts[1:], len(on)], strict=True)]
-    if closed and len(runs) > 1:  # the curve may have begun in the middle of a branch
-        last, first = order[runs[-1]], order[runs[0]]
-        way = first[0] - last[-1]
-        goes_on = abs(way) == 1 and all(w == way for w in (*np.diff(last), *np.diff(first)))
-        if goes_on and most > 0:
-            runs[0] = runs.pop() + runs[0]
-    for run in runs:
-        branch[on[run]] = count
-        count += 1
-    return count
+def _joined(curve: SolutionCurve, joint: int, places: FloatArray, gap: float) -> NDArray[np.bool_]:
+    """(k,): whether the joint goes on from each place to the next, and from the last to the first, by no more than a gap
+    between values and without turning back.
+    """
+    after = np.append(places[1:], places[0] + curve.length)
+    change = (
+        curve.at(np.where(curve.closed, after, np.minimum(after, curve.length)))[:, joint] - curve.at(places)[:, joint]
+    )
+    way = np.sign(change)
+    joined = (np.abs(change) <= gap) & (way != 0.0)
+    joined[-1] &= curve.closed
+    along = np.concatenate([curve.s, curve.s + curve.length])
+    tangents = np.concatenate([curve.tangents[:, joint]] * 2)
+    for i in np.flatnonzero(joined):
+        between = (along > places[i]) & (along < after[i])
+        joined[i] = bool((tangents[between] * way[i] > 0.0).all())
+    return np.asarray(joined)
 
 
 def _is_plain(T: object) -> TypeGuard[FloatArray]:
