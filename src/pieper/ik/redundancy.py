@@ -19,7 +19,8 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
 from weakref import WeakKeyDictionary
@@ -31,6 +32,7 @@ from pieper.ik import general_6r
 from pieper.ik.closed_form import solve_closed_form
 from pieper.ik.curve import NearestPoint, SolutionCurve, crossing, follow
 from pieper.ik.family import Family, find_family
+from pieper.ik.numeric import solve_numeric
 from pieper.ik.swivel import Swivel, find_swivel, solve_swivel
 from pieper.ik.target import pose
 from pieper.kinematics.joints import as_joints
@@ -54,7 +56,9 @@ _LIMIT_ROUNDING = 1e-12  # rad or m by which a value may be beyond its range
 _TOLERANCES = np.array([1e-9, 1e-9])
 _SAME = 1e-6  # rad or m: solutions no farther apart are one
 _SOLVES = 1e-8  # m or -: how well a joint vector has to meet a pose to be taken for a solution
+_REGULAR = 1e-3  # least singular value of the Jacobian of a pose that is far enough from singular ones
 _MOST_CURVES = 64
+_ITERATED = 256  # solutions that iteration adds to the sampled ones, from starts all over the joint space
 _MOST_HELD = 256  # arms with an inner joint held that are remembered
 
 
@@ -111,6 +115,12 @@ class Redundancy:
         how = self.family.reason if self.family.has_closed_form else "no closed form: solved by the general solver"
         swivel = "; spherical shoulder and wrist: the swivel angle may be given instead" if self.swivel else ""
         return f"{self.joint_name} is given; of the other six, {how}{swivel}"
+
+    @cached_property
+    def without_limits(self) -> Chain:
+        """The arm with a whole turn for every joint that turns."""
+        limits = np.where(self.chain.is_revolute[:, None], [-np.pi, np.pi], self.chain.limits)
+        return replace(self.chain, limits=limits)
 
     @property
     def places(self) -> int:
@@ -263,6 +273,7 @@ def solve_redundant(
     True
     """
     redundancy = prepare(chain)
+    threads = _whole_number(threads, "threads")
     tolerances = np.array([position_tolerance, rotation_tolerance])
     if values is None:
         plan = _sampled(redundancy, samples)
@@ -302,8 +313,9 @@ def self_motion(
 ) -> list[SolutionCurve]:
     """The curves of all solutions of a pose, of an arm with seven joints.
 
-    Every solution for `samples` values of a joint, a whole turn round, is on some curve; each curve is followed once, through
-    folds, with joint limits left aside: `SolutionCurve.intervals` are its parts inside them.
+    Every solution for `samples` values of a joint, a whole turn round, is on some curve, and so are those that iteration finds from all
+    over the joint space. Each curve is followed once, through folds, with joint limits left aside: `SolutionCurve.intervals` are its
+    parts inside them. Curves that cross one of these are followed too.
 
     Parameters
     ----------
@@ -330,8 +342,9 @@ def self_motion(
 
     Notes
     -----
-    A curve is missed when all of it falls between two neighbouring values, ``2 pi / samples`` apart (0.1 rad by default), which can only
-    happen near a pose where it shrinks to a point: at the edge of what the arm can do.
+    A curve can be missed when all of it falls between two neighbouring values of the sampled joint, ``2 pi / samples`` apart (0.1 rad by
+    default), and iteration does not arrive on it: a short one, near a pose where it shrinks to a point. Joints that slide stay
+    within their limits, and a curve that leaves them ends there.
 
     Examples
     --------
@@ -352,6 +365,10 @@ def self_motion(
         angles: FloatArray = (np.arange(samples, dtype=float) + 0.5) * (_TURN / samples) - np.pi
         answers = _solve_swivel(redundancy, T, angles, None, _TOLERANCES)
         left = np.concatenate([left, answers.q[answers.valid]])
+    found = solve_numeric(redundancy.without_limits, T, count=_ITERATED, restarts=2 * _ITERATED)
+    started = found.q[found.valid]
+    least = np.linalg.svd(chain.native.jacobian(started), compute_uv=False)[:, -1]
+    left = np.concatenate([left, started[least > _REGULAR]])  # near singular poses iteration stops beside a curve
     if also is not None:
         here = as_joints(chain, also, name="also")
         if here.ndim != 1:
@@ -504,6 +521,16 @@ def _joined(curve: SolutionCurve, joint: int, places: FloatArray, gap: float) ->
     return np.asarray(joined)
 
 
+def _whole_number(value: int, name: str) -> int:
+    try:
+        number = operator.index(value)
+    except TypeError:
+        number = 0
+    if number < 1:
+        raise ArrayError(f"{name} must be a whole number of at least 1, got {value!r}")
+    return number
+
+
 def _is_plain(T: object) -> TypeGuard[FloatArray]:
     """True for finite float64 arrays of shape (..., 4, 4)."""
     if type(T) is not np.ndarray or T.dtype != np.float64 or T.shape[-2:] != (4, 4):
@@ -519,12 +546,7 @@ def _sampled(redundancy: Redundancy, samples: int, *, limited: bool = True) -> t
     """Sampled values and their transports, made once."""
     plan = redundancy._kept.get((samples, limited))
     if plan is None:
-        try:
-            count = operator.index(samples)
-        except TypeError:
-            count = 0
-        if count < 1:
-            raise ArrayError(f"samples must be a whole number of at least 1, got {samples!r}")
+        count = _whole_number(samples, "samples")
         values = redundancy.samples(count, limited=limited)
         plan = redundancy._kept[samples, limited] = (values, np.ascontiguousarray(redundancy.transports(values)))
     return plan

@@ -312,7 +312,8 @@ def _three_turns(axes: FloatArray, R: FloatArray) -> FloatArray:
         b = _wrapped(np.arctan2(C, B) + np.stack([half, -half], axis=-1))
     at = _exponential(w2, b) @ w3
     v = v[..., None, :]
-    a = np.arctan2(np.cross(at, v) @ w1, (at * v).sum(axis=-1) - (at @ w1) * (v @ w1))
+    before, after = np.cross(w1, at), np.cross(w1, v)  # both across w1, and with all their digits where they are short
+    a = np.arctan2(np.cross(before, after) @ w1, (before * after).sum(axis=-1))
     rest = np.swapaxes(_exponential(w1, a) @ _exponential(w2, b), -1, -2) @ R[..., None, :, :]
     u = np.cross(w3, np.eye(3)[int(np.argmin(np.abs(w3)))])
     u = u / np.linalg.norm(u)
