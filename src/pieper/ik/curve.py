@@ -23,7 +23,7 @@ import numpy as np
 from pieper.errors import ArrayError
 from pieper.ik.family import size_of
 from pieper.ik.target import Target, pose
-from pieper.kinematics.joints import as_joints
+from pieper.kinematics.joints import as_joints, periodic_joints
 from pieper.spatial._checks import FloatArray
 from pieper.spatial.rotation import as_rotation_vector
 
@@ -374,7 +374,7 @@ class SolutionCurve:
 
     @cached_property
     def _turning(self) -> NDArray[np.bool_]:
-        return turning(self.chain)
+        return periodic_joints(self.chain)
 
     def _wrapped(self, difference: FloatArray) -> FloatArray:
         return np.asarray(difference - np.where(self._turning, _TURN * np.round(difference / _TURN), 0.0))
@@ -594,13 +594,6 @@ def follow(
     return None if curve.ends == _NO_WAY_ON and equations.count > equations.rank else curve
 
 
-def turning(chain: Chain) -> NDArray[np.bool_]:
-    """(n,) mask of the joints that a whole turn brings back to where they were."""
-    moves = chain.coupling != 0.0
-    whole = np.all(~moves | (chain.is_revolute[:, None] & (chain.coupling == np.round(chain.coupling))), axis=0)
-    return np.asarray(whole & moves.any(axis=0))
-
-
 def limit_margins(chain: Chain, q: FloatArray) -> FloatArray:
     """How far joints are inside their limits [rad or m]; for those that turn, the copy by whole turns that is farthest inside.
 
@@ -616,8 +609,8 @@ def limit_margins(chain: Chain, q: FloatArray) -> FloatArray:
     """
     lower, upper = chain.limits.T
     plain = np.minimum(q - lower, upper - q)
-    bounded = turning(chain) & np.isfinite(lower) & np.isfinite(upper)
-    unbounded = turning(chain) & ~bounded
+    bounded = periodic_joints(chain) & np.isfinite(lower) & np.isfinite(upper)
+    unbounded = periodic_joints(chain) & ~bounded
     middle = np.where(bounded, 0.5 * (np.where(bounded, lower, 0.0) + np.where(bounded, upper, 0.0)), 0.0)
     away = q - middle
     away = np.abs(away - _TURN * np.round(away / _TURN))
@@ -782,7 +775,7 @@ def _march(
 ) -> tuple[list[_Point], str, list[int]]:
     """Points one way along the curve, why it ended, and after which points others cross."""
     chain = equations.chain
-    turns = turning(chain)
+    turns = periodic_joints(chain)
     lower, upper = np.where(turns, -np.inf, chain.limits[:, 0]), np.where(turns, np.inf, chain.limits[:, 1])
     first = _Point(begin.q, direction, begin.strength)
     points = [first]

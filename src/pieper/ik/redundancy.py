@@ -23,7 +23,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -154,9 +153,6 @@ class Redundancy:
         return np.asarray(np.linalg.inv(home) @ back @ home)
 
 
-_prepared: WeakKeyDictionary[Chain, Redundancy] = WeakKeyDictionary()
-
-
 def prepare(chain: Chain) -> Redundancy:
     """Which joint of an arm with seven is held, and how the others are solved; kept as long as the chain lives.
 
@@ -183,7 +179,8 @@ def prepare(chain: Chain) -> Redundancy:
     >>> print(prepare(catalog.describe("franka_panda").chain()).reason)
     panda_joint7 is given; of the other six, axes 4, 5 and 6 meet (spherical wrist), and axes 1 and 2 meet, read from the tip: up to 8 answers (exact)
     """
-    kept = _prepared.get(chain)
+    # not in a dictionary with weak keys: the values hold the chain, which would then never go
+    kept: Redundancy | None = vars(chain).get("_redundancy")
     if kept is not None:
         return kept
     if chain.dof != _JOINTS or chain.is_coupled:
@@ -209,7 +206,8 @@ def prepare(chain: Chain) -> Redundancy:
         swivel = find_swivel(chain)
     except ArrayError:
         swivel = None
-    return _prepared.setdefault(chain, Redundancy(chain, joint, rest, family, swivel))
+    made: Redundancy = vars(chain).setdefault("_redundancy", Redundancy(chain, joint, rest, family, swivel))
+    return made
 
 
 def solve_redundant(
