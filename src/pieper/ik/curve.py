@@ -46,7 +46,10 @@ _BEND = 0.2  # rad, most that the tangent may turn in a step
 _OTHER_WAY = 0.95  # curves that leave a branch point at a larger cosine are one
 _STRAIGHT = 0.06  # rad, a tangent that turns by less in a step allows a longer one
 _SHORTEST = 1e-7  # steps below this are given up
-_CAUTION = 0.5  # steps are at most this times the least singular value that should not vanish, which grows with the distance to a branch point
+# The least singular value that should not vanish falls towards branch points, and is small where two curves run side by side.
+_CAUTION = 0.5  # a step may be this share of the way to where it would be 0
+_ALONGSIDE = 4.0  # a step may be this times it
+_APART = 0.5  # the end of a step may be brought back across the curve by this times it, less than to the next curve
 _NULL = 1e-4  # singular values up to this are those of the null space at a branch point, which is not known to the last digit
 _BRANCHING = 1e-5  # below this singular value there is a branch point ahead, closer than its curves can be told apart
 _SURFACE = "the solutions near q form a surface, not a curve; hold a joint or ask for more rows"
@@ -780,7 +783,7 @@ def _march(
     first = _Point(begin.q, direction, begin.strength)
     points = [first]
     crossings: list[int] = []
-    here, bend = first, np.zeros_like(direction)
+    here, bend, fall = first, np.zeros_like(direction), 1.0
     h = 0.5 * step
     for _ in range(max_steps):
         if here.strength <= _BRANCHING:
@@ -789,7 +792,8 @@ def _march(
                 return points, "branch point", crossings
             crossings.append(len(points) - 1)
         else:
-            h = min(h, step, max(_CAUTION * here.strength, _BRANCHING))
+            ahead = _CAUTION * here.strength / fall if fall > 0.0 else np.inf
+            h = min(h, step, max(min(_ALONGSIDE * here.strength, ahead), _BRANCHING))
             end, h = _step(equations, here, bend, h)
             if end is None:
                 return points, _NO_WAY_ON, crossings
@@ -800,7 +804,7 @@ def _march(
         moved = end.q - here.q
         length = float(np.linalg.norm(moved))
         change = end.t - here.t
-        bend = change / length
+        bend, fall = change / length, (here.strength - end.strength) / length
         h = 1.5 * length if float(np.linalg.norm(change)) < _STRAIGHT else length
         points.append(end)
         here = end
@@ -820,7 +824,8 @@ def _step(equations: Equations, here: _Point, bend: FloatArray, h: float) -> tup
             if along < 0.0:
                 t, along = -t, -along
             sideways = q - ahead
-            if along >= 1.0 - 0.5 * _BEND * _BEND and float(sideways @ sideways) <= (_SIDEWAYS * h) ** 2:
+            most = min(_SIDEWAYS * h, _APART * here.strength)
+            if along >= 1.0 - 0.5 * _BEND * _BEND and float(sideways @ sideways) <= most * most:
                 return _Point(q, t, strength), h
         h *= 0.5
     return None, h

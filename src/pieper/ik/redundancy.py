@@ -50,6 +50,7 @@ SAMPLES_OF_SELF_MOTION = 64
 """The same where all curves of a pose are looked for."""
 
 _JOINTS = 7
+_DOUBTFUL = int(general_6r.Flag.doubtful)
 _TURN = 2.0 * np.pi
 _LIMIT_ROUNDING = 1e-12  # rad or m by which a value may be beyond its range
 _TOLERANCES = np.array([1e-9, 1e-9])
@@ -600,10 +601,10 @@ def _solve_six(
             general = general_6r.solve_general_6r(rest, np.ascontiguousarray(targets[doubtful]), threads=threads)
             q[doubtful], valid[doubtful] = general.q, general.valid
             doubtful = doubtful.copy()
-            doubtful[doubtful] = (general.flags & general_6r.Flag.doubtful) != 0
+            doubtful[doubtful] = (general.flags & _DOUBTFUL) != 0
         return q, valid, doubtful
     general = general_6r.solve_general_6r(rest, targets, threads=threads)
-    return general.q, general.valid, np.asarray((general.flags & general_6r.Flag.doubtful) != 0)
+    return general.q, general.valid, np.asarray((general.flags & _DOUBTFUL) != 0)
 
 
 def _assembled(
@@ -617,46 +618,54 @@ def _assembled(
     tolerances: FloatArray,
 ) -> RedundantSolutions:
     """Solutions of six joints (..., m, k, 6) with the seventh put in, judged as those of seven."""
-    shape = q.shape
-    whole = np.empty((*shape[:-1], shape[-1] + 1))
-    whole[..., :joint] = q[..., :joint]
-    whole[..., joint + 1 :] = q[..., joint:]
-    whole[..., joint] = values[..., None]
-    places = (*shape[:-3], shape[-3] * shape[-2])
-    whole = whole.reshape(*places, shape[-1] + 1)
-    return _judged(chain, T, whole, valid.reshape(places), whole[..., joint].copy(), doubtful, tolerances)
+    shape = valid.shape
+    places = (*shape[:-2], shape[-2] * shape[-1])
+    value = np.empty(shape)
+    value[...] = values[..., None]
+    value = value.reshape(places)
+    rows = valid.reshape(-1).nonzero()[0]
+    six = q.reshape(-1, q.shape[-1]).take(rows, axis=0)
+    seven = np.empty((len(rows), q.shape[-1] + 1))
+    seven[:, :joint] = six[:, :joint]
+    seven[:, joint] = value.reshape(-1).take(rows)
+    seven[:, joint + 1 :] = six[:, joint:]
+    return _judged(chain, T, places, rows, seven, value, doubtful, tolerances)
 
 
 def _judged(
     chain: Chain,
     T: FloatArray,
-    q: FloatArray,
-    valid: NDArray[np.bool_],
+    places: tuple[int, ...],
+    rows: NDArray[np.intp],
+    found: FloatArray,
     value: FloatArray,
     doubtful: NDArray[np.bool_],
     tolerances: FloatArray,
 ) -> RedundantSolutions:
-    """Errors measured at the tip of the whole arm; empty places are made NaN."""
-    full = bool(valid.all())
-    if not full:
-        q[~valid] = 0.0
-    reached = chain.native.fk(q)
-    reached -= T[..., None, :, :]
+    """Candidates (r, n), each with its own place among all, and the errors that they have at the tip of the whole arm."""
+    reached = chain.native.fk(found)
+    reached -= T if T.ndim == 2 else T.reshape(-1, 4, 4).take(rows // places[-1], axis=0)
     reached *= reached
-    errors = reached.reshape(*valid.shape, 16) @ _SUMS
+    parts = reached.reshape(-1, 16).T  # added one by one, so that a sum is the same in any batch
+    errors = np.empty((len(rows), 2))
+    errors[:, 0] = parts[3] + parts[7] + parts[11]
+    x, y, z = parts[0:3], parts[4:7], parts[8:11]
+    columns = x + y + z
+    errors[:, 1] = 0.5 * (columns[0] + columns[1] + columns[2])  # |R - R_wanted| = 2 sqrt(2) sin(angle / 2)
     np.sqrt(errors, out=errors)
     good = (errors <= tolerances).all(axis=-1)
-    if not full or not good.all():
-        valid = valid & good
-        empty = ~valid
-        q[empty] = np.nan
-        errors[empty] = np.nan
-    return RedundantSolutions(q, valid, errors[..., 0], errors[..., 1], value, doubtful)
-
-
-_SUMS = np.zeros((16, 2))
-_SUMS[[3, 7, 11], 0] = 1.0
-_SUMS[[0, 1, 2, 4, 5, 6, 8, 9, 10], 1] = 0.5  # |R - R_wanted| = 2 sqrt(2) sin(angle / 2), and the angle is small
+    if not good.all():
+        rows, found, errors = rows[good], found[good], errors[good]
+    q = np.full((value.size, found.shape[-1]), np.nan)
+    q[rows] = found
+    measured = np.full((value.size, 2), np.nan)
+    measured[rows] = errors
+    measured = measured.reshape(*places, 2)
+    valid = np.zeros(value.size, dtype=bool)
+    valid[rows] = True
+    return RedundantSolutions(
+        q.reshape(*places, chain.dof), valid.reshape(places), measured[..., 0], measured[..., 1], value, doubtful
+    )
 
 
 def _solve_inner(
@@ -719,6 +728,8 @@ def _solve_swivel(
     T = np.broadcast_to(T, (*angles.shape[:-1], 4, 4))
     q, value = solve_swivel(points, np.broadcast_to(T[..., None, :, :], (*angles.shape, 4, 4)), angles)
     *leading, m, k, n = q.shape
-    q, value = q.reshape(*leading, m * k, n), value.reshape(*leading, m * k)
-    valid = ~np.isnan(q[..., 0])
-    return _judged(chain, T, q, valid, value, np.zeros(angles.shape, dtype=bool), tolerances)
+    found = q.reshape(-1, n)
+    rows = (~np.isnan(found[:, 0])).nonzero()[0]
+    value = value.reshape(*leading, m * k)
+    doubtful = np.zeros(angles.shape, dtype=bool)
+    return _judged(chain, T, (*leading, m * k), rows, found[rows], value, doubtful, tolerances)
