@@ -261,6 +261,22 @@ def test_curves_go_straight_on_where_others_cross(name):
         assert len(other.branch_points) > 0
 
 
+@pytest.mark.parametrize("distance", [1e-2, 1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize("name", ["kuka_iiwa14", "franka_panda", "kinova_gen3_7dof"])
+def test_curves_that_nearly_cross_are_not_mixed_up(name, distance):
+    for joint in (1, 5):
+        q = np.array([0.1, 0.4, 0.3, -0.9, 0.4, 0.5, 0.6])
+        q[joint] = distance
+        curve = curve_of(name, q)
+        assert curve.closed
+        for s in (0.3, 0.7):
+            again = follow(curve.chain, curve.target, curve.at(s * curve.length), step=0.03)
+            assert again is not None
+            assert again.closed
+            assert again.length == pytest.approx(curve.length, rel=1e-4)
+            assert curve.contains(again.q[::7], tolerance=1e-5).all()
+
+
 def test_a_straight_arm_turns_joints_3_and_5():
     curve = curve_of("kuka_iiwa14", [0.1, 0.2, 0.3, 0.0, 0.4, 0.5, 0.6])
     assert curve.closed

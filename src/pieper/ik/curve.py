@@ -797,7 +797,7 @@ def _march(
             end, h = _step(equations, here, bend, h)
             if end is None:
                 return points, _NO_WAY_ON, crossings
-        last = _closes(first, here, end, turns, len(points)) if len(points) > 2 else None
+        last = _closes(equations, first, here, end, turns) if len(points) > 2 else None
         if last is not None:
             points.append(last)
             return points, "closed", crossings
@@ -840,22 +840,24 @@ def _across_branch_point(equations: Equations, here: _Point, bend: FloatArray) -
     return None
 
 
-def _closes(first: _Point, here: _Point, end: _Point, turns: NDArray[np.bool_], count: int) -> _Point | None:
+def _closes(equations: Equations, first: _Point, here: _Point, end: _Point, turns: NDArray[np.bool_]) -> _Point | None:
     """The first point again, as it is come to between `here` and `end`; None when it is not."""
     to_first = first.q - here.q
     to_first = to_first - np.where(turns, _TURN * np.round(to_first / _TURN), 0.0)
     moved = end.q - here.q
     length = float(np.linalg.norm(moved))
     ahead = float(to_first @ moved) / length
-    if not 0.0 < ahead <= length * (1.0 + 1e-9) or float(here.t @ first.t) < 0.5:
+    near = float(np.linalg.norm(to_first - (ahead / length) * moved)) <= 0.3 * length
+    if not near or not 0.0 < ahead <= length * (1.0 + 1e-6) or float(here.t @ first.t) < 0.5:
         return None
-    # where the cubic between the two points is when it passes the plane across the first point
-    u = ahead / length
-    for _ in range(4):
-        at = u * u * (3 - 2 * u) * moved + length * (u * (1 - u) ** 2 * here.t - u * u * (1 - u) * end.t)
-        u += float((to_first - at) @ first.t) / length
-    missed = float(np.linalg.norm(to_first - at))
-    sag = length * float(np.linalg.norm(end.t - here.t))
-    if missed > 1e-3 * sag + 1e-8:
-        return None
-    return _Point(here.q + to_first, first.t, first.strength)
+    # the point of the curve that passes the first one most closely
+    u, at = ahead / length, here.q
+    for _ in range(6):
+        cubic = u * u * (3 - 2 * u) * moved + length * (u * (1 - u) ** 2 * here.t - u * u * (1 - u) * end.t)
+        at, _, strength, met = equations.correct(here.q + cubic)
+        left = to_first - (at - here.q)
+        missed = float(np.linalg.norm(left))
+        if met and missed <= max(1e-8, 10.0 * equations.accepted / strength):
+            return _Point(here.q + to_first, first.t, first.strength)
+        u += float(left @ first.t) / length
+    return None
