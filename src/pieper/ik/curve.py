@@ -360,10 +360,14 @@ class SolutionCurve:
             apart = self._wrapped(part[:, None] - self.q)
             near = np.argmin((apart * apart).sum(axis=-1), axis=1)
             offset = apart[np.arange(len(part)), near]
-            close = np.flatnonzero(np.linalg.norm(offset, axis=1) <= spacing + tolerance)
+            along = (offset * self.tangents[near]).sum(axis=1, keepdims=True)
+            across = np.linalg.norm(offset - along * self.tangents[near], axis=1)
+            close = np.flatnonzero(
+                (across <= _BEND * spacing + tolerance) & (np.abs(along[:, 0]) <= spacing + tolerance)
+            )
             if not len(close):
                 continue
-            s = self.s[near[close]] + (offset[close] * self.tangents[near[close]]).sum(axis=1)
+            s = self.s[near[close]] + along[close, 0]
             for _ in range(3):
                 s = self._held(s)
                 here, tangent = self._points(s)
