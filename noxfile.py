@@ -135,6 +135,15 @@ def bench(session: nox.Session) -> None:
 
 
 @nox.session
+def oracle(session: nox.Session) -> None:
+    """Prove fresh solution sets and compare the general solver with them; `nox -s oracle -- --seed 7 --count 100`."""
+    install_pieper(session, "oracle", "test")
+    session.run("python", "-m", "proof.oracle", "fresh", *session.posargs)
+    session.run("python", "-m", "proof.oracle", "fixture")
+    session.run("python", "-m", "pytest", "tests/proof")
+
+
+@nox.session
 def fuzz(session: nox.Session) -> None:
     """Run each fuzz target for ten minutes, or for the seconds given after `--`."""
     install_pieper(session, "test")

@@ -11,8 +11,8 @@ values, and the joint values that made a pose have to be among its answers:
 - boundary: 1e-6 m within the edge of the workspace (the farthest point in some direction), and 1e-3 to 1e-9 within folds,
   where two answers meet. Beyond the edge by 1e-3 m there must be no answer.
 
-Where the generating joint values are not among the answers, the curve of joint values that give the same pose to 1e-9 is
-followed from them: an answer on it is on the generating branch. (Beside a stretched wrist that curve is long.)
+Where the generating joint values are not among the answers (but for grid poses and those nearer than 1e-8) the curve of
+joint values that give the same pose to 1e-9 is followed from them: an answer on it is on the generating branch.
 
 Every answer is judged by a forward kinematics that shares no code with the package: one off by more than 1e-9 [m or rad]
 is false. Arms with a closed form are solved by it, and by the general solver too; what the closed form calls doubtful goes
@@ -53,6 +53,7 @@ REGULAR = 1e-4  # least singular value
 CHUNK = 20_000
 STEPS = {"90 degrees": np.pi / 2, "45 degrees": np.pi / 4, "0.5 rad": 0.5}
 DISTANCES = tuple(10.0**-k for k in range(2, 13))
+TRACED = 0.9e-8  # rad: nearer to a singularity whole curves give the pose
 FOLDS = (1e-3, 1e-6, 1e-9)
 LISTED = 5
 Answers = tuple[np.ndarray, np.ndarray, np.ndarray]  # q, valid, doubtful
@@ -148,8 +149,8 @@ class Case:
         q, valid, _ = answers
         return arms.pose_errors(self.judge.forward(q[valid]), np.repeat(T, valid.sum(axis=1), axis=0))
 
-    def tally(self, q: np.ndarray, *, special: bool) -> dict[str, dict]:
-        """All solvers on the poses of q; `special` ones need not be far from singular poses to count as regular."""
+    def tally(self, q: np.ndarray, *, special: bool, trace: bool = True) -> dict[str, dict]:
+        """All solvers on the poses of q. Of `special` ones some may be singular; `trace` says whether to follow curves."""
         tallies = {name: Tally() for name in self.solvers}
         if len(self.solvers) == 2:
             tallies["both"] = Tally()
@@ -173,7 +174,7 @@ class Case:
                     )
                 branch = found.copy()
                 miss = np.flatnonzero(~found & answers[1].any(axis=1))
-                if len(miss):
+                if len(miss) and trace:
                     q_of = np.where(answers[1][miss][..., None], answers[0][miss], np.nan)
                     branch[miss] = self_motion.connected(part[miss], q_of, self.judge.forward, self.jacobian, GOOD)
                 errors = self.judged(answers, T)
@@ -209,16 +210,17 @@ def structured(case: Case, poses: int, *, seed: int) -> dict:
     rng = np.random.default_rng(seed)
     few, forward = max(poses // 8, 12), case.judge.forward
     grid = {
-        words: case.tally(rng.integers(-8, 9, (poses, case.dof)) * step, special=True) for words, step in STEPS.items()
+        words: case.tally(rng.integers(-8, 9, (poses, case.dof)) * step, special=True, trace=False)
+        for words, step in STEPS.items()
     }
     near: dict[str, dict] = {}
     folds: dict[str, list[np.ndarray]] = {f"{depth:g} within a fold": [] for depth in FOLDS}
     for words, at, joint in hard_poses.singular(case.jacobian, case.dof, few, rng):
-        near[words] = {"0": case.tally(at, special=True)}
+        near[words] = {"0": case.tally(at, special=True, trace=False)}
         for distance in DISTANCES:
             q = at.copy()
             q[np.arange(len(q)), joint] += distance
-            near[words][f"{distance:g}"] = case.tally(q, special=True)
+            near[words][f"{distance:g}"] = case.tally(q, special=True, trace=distance >= TRACED)
         for depth in FOLDS:
             folds[f"{depth:g} within a fold"].append(hard_poses.inside_fold(case.jacobian, at, depth))
     edge, directions = hard_poses.farthest(forward, case.dof, few, rng)

@@ -32,10 +32,10 @@ TRIES = 20
 def fresh(count: int, seed: int) -> int:
     """New cases against the general solver; the exit status tells whether a well-conditioned one lost or gained a solution."""
     print(f"{count} fresh cases, seed {seed}")
-    failed, proved, found, modes = 0, 0, Counter(), ("fast", "checked", "complete")
+    failed, total, found, modes = 0, 0, Counter(), ("fast", "checked", "complete")
     start = time.perf_counter()
-    for arm, case in _proved(count, seed):
-        proved += case["count"]
+    for arm, case in proved(count, seed):
+        total += case["count"]
         said = []
         for mode in modes:
             missing, surplus, worst = compare(arm, case, mode)
@@ -53,7 +53,7 @@ def fresh(count: int, seed: int) -> int:
         )
         if said:
             print(f"    pose {json.dumps(case['pose_exact'])}\n    links {json.dumps(arm.data()['links_exact'])}")
-    shares = ", ".join(f"{mode} {found[mode]} of {proved}" for mode in modes)
+    shares = ", ".join(f"{mode} {found[mode]} of {total}" for mode in modes)
     print(f"found: {shares}; {failed} failures in {time.perf_counter() - start:.0f} s")
     return int(failed > 0)
 
@@ -71,9 +71,9 @@ def fixture(every: int) -> int:
         if first is None or first.status != "proved":
             undecided += 1
             continue
-        mine = sorted([cases._decimal(x) for x in q] for q in first.solutions)
+        mine = sorted([cases.decimal(x) for x in q] for q in first.solutions)
         listed = sorted(solution["q25"] for solution in case["solutions"])
-        if len(mine) == len(listed) and _agree(mine, listed):
+        if len(mine) == len(listed) and same_decimals(mine, listed):
             same += 1
         else:
             wrong.append(case["id"])
@@ -84,7 +84,7 @@ def fixture(every: int) -> int:
 def write(path: Path, count: int, seed: int) -> int:
     """New cases as a file."""
     arms, made = {}, []
-    for number, (arm, case) in enumerate(_proved(count, seed)):
+    for number, (arm, case) in enumerate(proved(count, seed)):
         key = f"a{number:03}"
         arms[key] = arm.data()
         made.append({**case, "arm": key})
@@ -137,7 +137,7 @@ def chain(arm: rational.RationalArm) -> object:
     return Chain(arm.name, np.array(screws), T, np.tile([-np.pi, np.pi], (6, 1)), tuple(f"q{i + 1}" for i in range(6)))
 
 
-def _proved(count: int, seed: int) -> Iterator[tuple[rational.RationalArm, dict]]:
+def proved(count: int, seed: int) -> Iterator[tuple[rational.RationalArm, dict]]:
     """Pairs of an arm and a case about which a count could be proved."""
     made = 0
     for number, one in enumerate(cases.questions(TRIES * count, seed)):
@@ -154,7 +154,7 @@ def _apart(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.abs(np.remainder(a - b + np.pi, 2.0 * np.pi) - np.pi).max())
 
 
-def _agree(mine: list[list[str]], listed: list[list[str]]) -> bool:
+def same_decimals(mine: list[list[str]], listed: list[list[str]]) -> bool:
     """Whether two lists of joints in decimals are the same set; the last decimal may be rounded either way, -pi is pi."""
     turn, left = 62831853071795864769252868, [[int(x.replace(".", "")) for x in q] for q in listed]
     for q in mine:

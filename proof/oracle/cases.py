@@ -210,7 +210,7 @@ def case(one: Question, solved: Solved, confirmed: Solved | None, *, arm: str, k
     rows = []
     for q in solutions:
         least, moved = sensitivity(one.arm, one.pose, q)
-        text = [_decimal(x) for x in q]
+        text = [decimal(x) for x in q]
         rows.append(
             {
                 "q25": text,
@@ -275,7 +275,8 @@ def _text(t: Tangent) -> str:
     return "inf" if t is None else str(t)
 
 
-def _decimal(x: object) -> str:
+def decimal(x: object) -> str:
+    """With 25 decimals, rounded to nearest."""
     from mpmath import mp
 
     scaled = int(mp.nint(x * mp.mpf(10) ** DIGITS))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 STEP = 0.01  # rad
-ROUND = 2000  # steps: enough for curves that wind through every joint
+ROUND = 1000  # steps: once around a joint and a half
 
 
 def twist(T: np.ndarray, target: np.ndarray) -> np.ndarray:
