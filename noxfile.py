@@ -132,6 +132,7 @@ def bench(session: nox.Session) -> None:
         session.run("python", f"benchmarks/{question}.py")
     session.run("python", "benchmarks/plots.py")
     session.run("python", "benchmarks/table.py")
+    session.run("python", "benchmarks/recall_table.py")
 
 
 @nox.session

@@ -73,6 +73,7 @@ class Tally:
         self.figures |= {"answers": 0, "false": 0, "doubtful": 0, "lost_without_doubt": 0}
         self.worst = {"position": 0.0, "rotation": 0.0}
         self.lost: list[list[float]] = []
+        self.off_branch: list[list[float]] = []
         self.unanswered: list[list[float]] = []
 
     def add(
@@ -102,11 +103,12 @@ class Tally:
             self.figures[key] += int(value)
         self.worst["position"] = max(self.worst["position"], float(position.max(initial=0.0)))
         self.worst["rotation"] = max(self.worst["rotation"], float(rotation.max(initial=0.0)))
-        for rows, which in ((self.lost, regular & ~found), (self.unanswered, ~valid.any(axis=1))):
+        listed = ((self.lost, regular & ~found), (self.off_branch, ~branch), (self.unanswered, ~valid.any(axis=1)))
+        for rows, which in listed:
             rows += q[which][: LISTED - len(rows)].tolist()
 
     def data(self) -> dict:
-        lists = {"lost": self.lost, "unanswered_at": self.unanswered}
+        lists = {"lost": self.lost, "off_branch": self.off_branch, "unanswered_at": self.unanswered}
         return {
             **self.figures,
             "worst": results.rounded(self.worst, 2),
@@ -172,9 +174,10 @@ class Case:
                     found[miss] = (answers[1][miss] & (apart(answers[0][miss], part[miss][:, None]) < reach)).any(
                         axis=1
                     )
-                branch = found.copy()
+                branch = found if trace else np.full(len(part), True)
                 miss = np.flatnonzero(~found & answers[1].any(axis=1))
                 if len(miss) and trace:
+                    branch = found.copy()
                     q_of = np.where(answers[1][miss][..., None], answers[0][miss], np.nan)
                     branch[miss] = self_motion.connected(part[miss], q_of, self.judge.forward, self.jacobian, GOOD)
                 errors = self.judged(answers, T)

@@ -111,7 +111,7 @@ def summary(arms: list[dict], solver: str) -> list[str]:
                 *shares(kind, figures),
                 f"{figures['false']} of {figures['answers']:,}",
                 f"{figures['position']:.0e} m, {figures['rotation']:.0e} rad",
-                share(figures["doubtful"], figures["poses"]).split(" (")[0] if figures["doubtful"] else "0 %",
+                f"{100 * figures['doubtful'] / figures['poses']:.2g} %",
             ]
         )
     head = ["poses", "number", "generating joints", "branch", "answered", "false", "worst errors", "doubtful"]
@@ -168,13 +168,12 @@ def losses(arms: list[dict]) -> list[str]:
     for arm in arms:
         for kind, found in named(arm["kinds"]):
             figures = chosen(found)
-            asked = "grid" not in kind and not (kind.startswith("near") and float(kind.rsplit(" ", 1)[1]) < NEAR)
-            branch = figures["poses"] - figures["branch"] if asked else 0
+            branch = figures["poses"] - figures["branch"]
             regular = figures["regular"] - figures["generating_regular"] if "grid" in kind else 0
             unanswered = figures["poses"] - figures["answered"]
             if branch or regular or unanswered:
-                first = (figures.get("unanswered_at") or figures.get("lost") or [None])[0]
-                text = "" if first is None else "`" + ", ".join(f"{x:.9g}" for x in first) + "`"
+                first = (figures.get("unanswered_at") or figures.get("off_branch") or figures.get("lost") or [None])[0]
+                text = "" if first is None else "`" + ", ".join(f"{x:.17g}" for x in first) + "`"
                 unsaid = figures["lost_without_doubt"]
                 rows.append(
                     [arm["arm"], kind, str(figures["poses"]), str(branch + regular), str(unanswered), str(unsaid), text]

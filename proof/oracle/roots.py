@@ -160,9 +160,11 @@ def residual(T: mpmath.matrix, pose: mpmath.matrix) -> mpf:
 
 def _lift(arm: RationalArm, pose: fmpq_mat, elimination: Elimination, root: Root) -> None:
     """Finds the solutions of a root, and settles whether they are all."""
-    coefficients = np.array([mpf(int(x)) for x in elimination.coefficients.ravel()], dtype=object)
-    coefficients = coefficients.reshape(elimination.coefficients.shape)
-    kernel = _null_space(matrix(coefficients, root.tangent, mpf(0)))
+    rows = np.moveaxis(elimination.coefficients, 1, 0)
+    scaled = [np.array([mpf(int(x)) for x in row.ravel()], dtype=object).reshape(row.shape) for row in rows]
+    # not by what a row is at the root: that may be nothing but rounding
+    coefficients = np.stack([row / np.abs(row).max() for row in scaled], axis=1)
+    kernel = _null_space(matrix(coefficients, root.tangent, mpf(0)) / (1 + root.tangent**2))
     root.null_space = kernel.shape[1]
     vectors, whole = _solution_vectors(kernel)
     for vector in vectors:
@@ -178,7 +180,7 @@ def _lift(arm: RationalArm, pose: fmpq_mat, elimination: Elimination, root: Root
 
 def _null_space(M: np.ndarray) -> np.ndarray:
     """(12, k) by elimination with full pivoting."""
-    M = np.array([row / max(abs(x) for x in row) for row in M], dtype=object)
+    M = M.copy()
     n, order, rank = len(M), list(range(len(M))), 0
     for step in range(n):
         sizes = np.abs(M[step:, step:])
