@@ -55,7 +55,7 @@ STEPS = {"90 degrees": np.pi / 2, "45 degrees": np.pi / 4, "0.5 rad": 0.5}
 DISTANCES = tuple(10.0**-k for k in range(2, 13))
 TRACED = 0.9e-8  # rad: nearer to a singularity whole curves give the pose
 FOLDS = (1e-3, 1e-6, 1e-9)
-LISTED = 5
+LISTED, LISTED_IN_DATA = 5, 1
 Answers = tuple[np.ndarray, np.ndarray, np.ndarray]  # q, valid, doubtful
 
 
@@ -242,6 +242,42 @@ def random(case: Case, poses: int, *, seed: int) -> dict:
     return case.tally(np.random.default_rng(seed).uniform(-np.pi, np.pi, (poses, case.dof)), special=False)
 
 
+def gather(near: dict) -> None:
+    """One tally for all distances that are too small for the generating joints to be told."""
+    for distances in near.values():
+        small = [distances.pop(key) for key in list(distances) if 0.0 < float(key) < TRACED]
+        distances[f"{DISTANCES[-4]:g} to {DISTANCES[-1]:g}"] = {
+            solver: _sum([tallies[solver] for tallies in small]) for solver in small[0]
+        }
+
+
+def _sum(tallies: list[dict]) -> dict:
+    added = {key: sum(tally[key] for tally in tallies) for key, value in tallies[0].items() if isinstance(value, int)}
+    worst = {key: max(tally["worst"][key] for tally in tallies) for key in ("position", "rotation")}
+    lists = {key: [row for tally in tallies for row in tally.get(key, [])][:LISTED] for key in EXAMPLES}
+    return {**added, "worst": worst, **{key: rows for key, rows in lists.items() if rows}}
+
+
+def ask_again(kinds: dict, judge: public_arms.Arm, make: Callable[[], object]) -> None:
+    """What the package's one call, `pieper.ik.solve`, says to the poses that are listed as unanswered."""
+    from pieper.ik.solve import solve
+
+    chain = None
+    for tally in _tallies(kinds):
+        if "unanswered_at" in tally:
+            chain = chain or make()
+            answers = solve(chain, judge.forward(np.array(tally["unanswered_at"])))
+            tally["answers_of_solve"] = np.sum(answers.valid, axis=-1).tolist()
+
+
+def _tallies(kinds: dict) -> Iterator[dict]:
+    for value in kinds.values():
+        if "answered" in value and "worst" in value:
+            yield value
+        elif isinstance(value, dict) and "answered" not in value:
+            yield from _tallies(value)
+
+
 def fingerprint() -> str:
     """What is measured: the compiled module, and the Python of inverse kinematics."""
     import pieper.ik
@@ -301,6 +337,8 @@ def main() -> None:
                 kept["family"] = case.family.reason
                 path.write_text(json.dumps(kept))
             kinds = {"random": kept.pop("random")["kinds"], **kept.pop("structured")["kinds"]}
+            gather(kinds["near-singular"])
+            ask_again(kinds, judge, lambda key=key, judge=judge, built_in=built_in: chain_of(key, judge, built_in))
             rows.append({**kept, "kinds": kinds})
             progress.advance(task)
     for row in rows:
@@ -317,15 +355,67 @@ def line(row: dict) -> str:
     return text
 
 
+FIGURES = ("poses", "regular", "generating", "generating_regular", "branch", "answered", "answers", "false", "doubtful")
+FIGURES += ("lost_without_doubt", "worst_position", "worst_rotation")
+NOTHING_LOST = ("poses", "regular", "answers", "worst_position", "worst_rotation")
+EXAMPLES = ("lost", "off_branch", "unanswered_at", "answers_of_solve")
+
+
+def packed(kinds: dict) -> dict | list:
+    """Tallies as rows of figures, with an example where something was lost: a tenth of the size."""
+    if "worst" in kinds:
+        flat = {**kinds, **{f"worst_{key}": value for key, value in kinds["worst"].items()}}
+        examples = {key: kinds[key][:LISTED_IN_DATA] for key in EXAMPLES if key in kinds}
+        found = all(flat[key] == flat["poses"] for key in ("generating", "branch", "answered"))
+        if found and not any(flat[key] for key in ("false", "doubtful", "lost_without_doubt")):
+            return [flat[key] for key in NOTHING_LOST]
+        return [*(flat[key] for key in FIGURES), *([examples] if examples else [])]
+    if "both" in kinds:
+        keep = set(EXAMPLES) if kinds["both"] == kinds["closed form"] else set()  # else the general solver had its turn
+        kinds = {
+            "closed form": {
+                key: value for key, value in kinds["closed form"].items() if key in keep or key not in EXAMPLES
+            },
+            "general": {key: value for key, value in kinds["general"].items() if key not in EXAMPLES[:2]},
+            **({} if keep else {"both": kinds["both"]}),
+        }
+    return {key: packed(value) if isinstance(value, dict) else value for key, value in kinds.items()}
+
+
+def unpacked(kinds: dict | list) -> dict:
+    """The tallies again."""
+    if isinstance(kinds, dict):
+        return {key: unpacked(value) if isinstance(value, (dict, list)) else value for key, value in kinds.items()}
+    flat = dict(zip(FIGURES, kinds, strict=False))
+    if len(kinds) == len(NOTHING_LOST):
+        short = dict(zip(NOTHING_LOST, kinds, strict=True))
+        flat = dict.fromkeys(("generating", "branch", "answered"), short["poses"])
+        flat |= {"generating_regular": short["regular"], "false": 0, "doubtful": 0, "lost_without_doubt": 0, **short}
+    worst = {key: flat.pop(f"worst_{key}") for key in ("position", "rotation")}
+    return {**flat, "worst": worst, **(kinds[-1] if isinstance(kinds[-1], dict) else {})}
+
+
 def save(rows: list[dict], options: argparse.Namespace) -> pathlib.Path:
-    return results.save(
+    path = results.save(
         "recall",
         method=f"{options.poses_built_in:,} random poses of each built-in arm and {options.poses:,} of each other, "
         f"{options.structured:,} grid poses of each step, {max(options.structured // 8, 12):,} singular configurations of each "
         f"kind and edges of the workspace; general solver in its default mode",
-        packages=["ssik", *public_arms.PACKAGES[1:]],
-        arms=rows,
+        packages=public_arms.PACKAGES,
+        figures=FIGURES,
+        figures_where_all_was_found=NOTHING_LOST,
+        arms=[{**row, "kinds": packed(row["kinds"])} for row in rows],
     )
+    path.write_text(compact(path.read_text()))
+    return path
+
+
+def compact(text: str) -> str:
+    """Indented JSON with what holds nothing but figures on one line, below the size that is allowed here."""
+    leaf = r"(\[[^\[\]{}]*\]|\{[^\[\]{}]*\}|\[[^\[\]{}]*\{[^{}]*\}\s*\])"
+    text = re.sub(leaf, lambda found: re.sub(r"\s*\n\s*", "", found[0]), text)
+    text = re.sub(r"\{\s*((?:\"[^\"]*\": \[[^{}\n]*\],?\s*)+)\}", lambda found: re.sub(r"\n\s*", "", found[0]), text)
+    return re.sub(r"\n {3,}", "\n   ", text)  # deep levels stand where the third does
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ python benchmarks/recall_table.py
 from collections.abc import Iterable
 
 import results
+from recall import unpacked
 from table import origin, table
 
 PAGE = results.HERE.parent / "docs" / "recall.md"
@@ -54,7 +55,11 @@ def total(tallies: Iterable[dict]) -> dict:
 
 def parts(kinds: dict) -> dict[str, list[dict]]:
     """The tallies of an arm by kind of pose, each a dictionary by solver."""
-    near = [(float(distance), tally) for each in kinds["near-singular"].values() for distance, tally in each.items()]
+    near = [
+        (float(distance.split()[0]), tally)
+        for each in kinds["near-singular"].values()
+        for distance, tally in each.items()
+    ]
     return {
         "random": [kinds["random"]],
         **{f"grid, {step}": [tally] for step, tally in kinds["grid"].items()},
@@ -174,12 +179,21 @@ def losses(arms: list[dict]) -> list[str]:
             if branch or regular or unanswered:
                 first = (figures.get("unanswered_at") or figures.get("off_branch") or figures.get("lost") or [None])[0]
                 text = "" if first is None else "`" + ", ".join(f"{x:.17g}" for x in first) + "`"
-                unsaid = figures["lost_without_doubt"]
-                rows.append(
-                    [arm["arm"], kind, str(figures["poses"]), str(branch + regular), str(unanswered), str(unsaid), text]
-                )
+                again = figures.get("answers_of_solve", [])
+                solved = "" if not again else "yes" if again[0] else "no"
+                lost = [str(figures["poses"]), str(branch + regular), str(unanswered), solved]
+                rows.append([arm["arm"], kind, *lost, str(figures["lost_without_doubt"]), text])
     rows.sort(key=lambda row: -int(row[4]) / int(row[2]))
-    head = ["arm", "poses", "number", "lost", "unanswered", "regular ones lost without a doubt", "joints of one [rad]"]
+    head = [
+        "arm",
+        "poses",
+        "number",
+        "lost",
+        "unanswered",
+        "answered by `solve`",
+        "regular ones lost without a doubt",
+        "joints of one [rad]",
+    ]
     return table(head, rows, left=2)
 
 
@@ -196,6 +210,8 @@ def named(kinds: dict) -> Iterable[tuple[str, dict]]:
 
 def main() -> None:
     data = results.load("recall")
+    for arm in data["arms"]:
+        arm["kinds"] = unpacked(arm["kinds"])
     built_in = [arm for arm in data["arms"] if arm["source"] == "built in"]
     public = [arm for arm in data["arms"] if arm["source"] != "built in"]
     with_form = [arm for arm in data["arms"] if "closed form" in arm["kinds"]["random"]]
@@ -213,7 +229,10 @@ def main() -> None:
         "",
         "## What was lost",
         "",
-        "Every kind of pose of every arm on which its method lost a branch (regular grid poses: the generating joints), or gave no answer.",
+        (
+            "Every kind of pose of every arm on which its method lost a branch (regular grid poses: the generating joints), or gave "
+            "no answer. `solve`, the one call for every arm, goes on with iteration where a solver has no answer but doubts; it was asked at one of them."
+        ),
         "",
         *losses(data["arms"]),
         "",
