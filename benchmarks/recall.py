@@ -415,7 +415,7 @@ def compact(text: str) -> str:
     leaf = r"(\[[^\[\]{}]*\]|\{[^\[\]{}]*\}|\[[^\[\]{}]*\{[^{}]*\}\s*\])"
     text = re.sub(leaf, lambda found: re.sub(r"\s*\n\s*", "", found[0]), text)
     text = re.sub(r"\{\s*((?:\"[^\"]*\": \[[^{}\n]*\],?\s*)+)\}", lambda found: re.sub(r"\n\s*", "", found[0]), text)
-    return re.sub(r"\n {3,}", "\n   ", text)  # deep levels stand where the third does
+    return re.sub(r"\n {2,}", "\n  ", text)  # deep levels stand where the second does
 
 
 if __name__ == "__main__":
