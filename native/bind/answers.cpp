@@ -167,12 +167,13 @@ void bind_answers(nb::module_& module, nb::class_<NativeChain>& chain) {
   static const std::string arrange_type =
       std::string(
           "def arrange(self, q: object, position_error: object, rotation_error: object, branch: object, "
-          "targets: object, seeds: object, position_tolerance: float, rotation_tolerance: float) -> ") +
+          "targets: object, seeds: object, rows: TargetRows, position_tolerance: float, "
+          "rotation_tolerance: float) -> ") +
       answers_type + "]";
   chain.def(
       "arrange",
       [](const NativeChain& self, nb::handle found, nb::handle position_error, nb::handle rotation_error,
-         nb::handle branches, nb::handle targets, nb::handle seeds, double position_tolerance,
+         nb::handle branches, nb::handle targets, nb::handle seeds, const TargetRows& rows, double position_tolerance,
          double rotation_tolerance) {
         AnswerOptions options{position_tolerance, rotation_tolerance};
         const Question question(self, targets, seeds, options, 1);
@@ -192,12 +193,12 @@ void bind_answers(nb::module_& module, nb::class_<NativeChain>& chain) {
         std::copy_n(position_before.data(), all, answers.position_error);
         std::copy_n(rotation_before.data(), all, answers.rotation_error);
         std::fill_n(answers.valid, all, true);
-        options.branches = branches_before.data();
+        options.branches = branches_before.data(), options.rows = rows;
         arrange(self.chain, T.data(), question.seeds(), T.count(), options, answers);
         return out.alone();
       },
       nb::arg("q"), nb::arg("position_error"), nb::arg("rotation_error"), nb::arg("branch"), nb::arg("targets"),
-      nb::arg("seeds").none(), nb::arg("position_tolerance"), nb::arg("rotation_tolerance"),
+      nb::arg("seeds").none(), nb::arg("rows"), nb::arg("position_tolerance"), nb::arg("rotation_tolerance"),
       nb::sig(arrange_type.c_str()),
       "Joints (..., k, n) that were found for poses (..., 4, 4), with errors (..., k) that are NaN where there is none, "
       "in the order of their use: as answer_by_closed_form, without complete and the counts.");

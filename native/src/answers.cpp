@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "pieper/kernels.hpp"
-#include "pieper/numeric_ik.hpp"
 
 namespace pieper {
 namespace {
@@ -147,7 +146,7 @@ class Arranger {
   void measure_again(const double* target, const double* q, std::size_t at) {
     double pose[16];
     if (!forward_kinematics(chain_, q, 1, 1, pose)) return;
-    const PoseError error = pose_error(target, pose, TargetRows{});
+    const PoseError error = pose_error(target, pose, options_.rows);
     out_.position_error[at] = error.position, out_.rotation_error[at] = error.rotation;
   }
 

@@ -7,7 +7,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pieper.errors import DescriptionError, UnknownNameError
+import numpy as np
+
+from pieper.errors import ArrayError, DescriptionError, UnknownNameError
 from pieper.kinematics import fk as _fk
 from pieper.kinematics import jacobian as _jacobian
 from pieper.model.chain import Chain, FloatArray
@@ -18,6 +20,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
+    from pieper.ik.curve import SolutionCurve
+    from pieper.ik.projection import Projections
     from pieper.ik.solutions import IKSolutions
     from pieper.ik.solver import IKInfo, Solver
     from pieper.ik.target import Target
@@ -153,6 +157,52 @@ class Arm:
         (8, 'front, elbow up, no flip')
         """
         return self._solver.solve(T_base_tip, seed, **options)
+
+    def self_motion(self, T_base_tip: ArrayLike, **options: Any) -> list[SolutionCurve]:
+        """The curves along which an arm with seven joints can move while its tip stays at `T_base_tip`, (4, 4).
+
+        See `pieper.ik.redundancy.self_motion`; for other arms and targets `IKSolutions.curves`.
+        """
+        from pieper.ik.redundancy import self_motion
+
+        return self_motion(self.chain, T_base_tip, **options)
+
+    def nearest_ik(self, T_base_tip: ArrayLike, q: ArrayLike, *, within_limits: bool = True) -> FloatArray:
+        """The joint values nearest to `q` of all that bring the tip to `T_base_tip`, (4, 4): (n,) [rad or m].
+
+        Whole turns of joints count: the copy nearest to `q` is given. With seven joints it is the nearest point of the curves of
+        solutions, not of samples, and takes a fraction of a second.
+
+        Raises
+        ------
+        ArrayError
+            Nothing reaches the pose, or nothing within the limits; the message says why.
+
+        >>> arm = load("panda")
+        >>> q = [0.1, -0.5, 0.2, -2.0, 0.3, 1.6, 0.7]
+        >>> T = arm.fk([0.15, -0.45, 0.2, -2.1, 0.3, 1.7, 0.7])
+        >>> bool(abs(arm.nearest_ik(T, q) - q).max() < 0.12)
+        True
+        """
+        if self.ik_info.method == "redundancy":
+            from pieper.ik.redundancy import nearest_on_self_motion
+
+            return nearest_on_self_motion(self.chain, T_base_tip, q, within_limits=within_limits).q
+        answers = self.ik(T_base_tip, q)
+        usable = answers.within_limits if within_limits else answers.valid
+        if not usable.any():
+            raise ArrayError(f"no joint values of {self.name!r} to take: {answers.reason}")
+        distance = np.linalg.norm(answers.q - np.asarray(q, dtype=np.float64), axis=-1)
+        return np.asarray(answers.q[int(np.argmin(np.where(usable, distance, np.inf)))])
+
+    def project(self, target: ArrayLike | Target) -> Projections:
+        """The poses nearest to a target that an arm with five joints can take: position exact, angle least.
+
+        See `pieper.ik.projection.project`.
+        """
+        from pieper.ik.projection import project
+
+        return project(self.chain, target)
 
     # --- a changed arm
 

@@ -5,6 +5,7 @@
 
 #include "pieper/chain.hpp"
 #include "pieper/closed_form.hpp"
+#include "pieper/numeric_ik.hpp"
 
 namespace pieper {
 
@@ -17,6 +18,7 @@ struct AnswerOptions {
   // Branch of each slot, the same for every target (slots), or of each slot of each target (targets, slots); or null.
   const signed char* branch_of_slot = nullptr;
   const signed char* branches = nullptr;
+  TargetRows rows;  // that count, where an answer is measured again
 };
 
 // Pointers to (targets, slots, ...) arrays. The first four come from a solver and are put in order in place.

@@ -636,9 +636,11 @@ void solve_closed_form_of(const Folded& chain, const ClosedForm& f, const Closed
       Measured m = measure(chain, T, q);
       const IntVec rough = (m.position > rounding * length_unit) | (m.rotation > rounding);
       const IntVec close = (m.position <= f.capture * f.scale) & (m.rotation <= f.capture);
-      // an ideal arm's answer that is off by what the difference of the arms can make of it
-      constexpr double enlarged = 2500;
-      const double off = enlarged * f.widened < f.capture ? enlarged * f.widened : f.capture;
+      // off by what the difference of the arms can make of an ideal arm's answer; else by what rounding can, where several
+      // folds come together
+      constexpr double enlarged = 2500, rounded = 1e-6;
+      const double most = f.widened > 0 ? enlarged * f.widened : rounded;
+      const double off = most < f.capture ? most : f.capture;
       const IntVec expected = (m.position <= off * f.scale) & (m.rotation <= off);
       IntVec lost_way = bits(splat(0.0));
       if (any(rough & close)) {
@@ -657,7 +659,8 @@ void solve_closed_form_of(const Folded& chain, const ClosedForm& f, const Closed
       if (!f.uses_elbow) used = used & (signs.elbow > 0.0);
       if (!f.uses_wrist) used = used & (signs.wrist > 0.0);
       // with fewer than six joints most such answers are none of the arm's, which meets six equations
-      if (f.widened > 0 && n == 6 && any(used & ((close & lost_way) | (expected & (good == 0))))) doubtful = true;
+      if (n == 6 && any(used & expected & (good == 0))) doubtful = true;
+      if (f.widened > 0 && n == 6 && any(used & close & lost_way)) doubtful = true;
       good = good & used;
       const Vec nan = splat(static_cast<double>(NAN));
       for (std::size_t i = 0; i < n; ++i) q[i] = select(good, q[i], nan);
@@ -666,7 +669,7 @@ void solve_closed_form_of(const Folded& chain, const ClosedForm& f, const Closed
       store(out.rotation_error + k * branches + first, select(good, m.rotation, nan));
       for (std::size_t l = 0; l < lanes; ++l) valid[first + l] = get(good, l);
     }
-    out.doubtful[k] = f.widened > 0 && (doubtful || any(near) || roots.close);
+    out.doubtful[k] = doubtful || (f.widened > 0 && (any(near) || roots.close));
     const bool by_roots = f.family == ClosedFormFamily::three_parallel_skew || f.first_three == FirstThree::general;
     if (polished || by_roots || any(near)) {
       bool before[branches];

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 _SEARCHED = 8
-"""Answers that a solver which iterates looks for."""
+"""Answers that are looked for, or shown, where there is no end of them."""
 
 _BRANCH_ROWS = ("shoulder", "elbow", "wrist")
 
@@ -62,8 +62,10 @@ def ik(
     robot = load(arm, base=base, tip=tip, nominal=nominal)
     goal = wanted(x, y, z, rpy=rpy, quaternion=quaternion, axis=axis, degrees=degrees)
     start = None if seed is None else seed_values(robot, seed, degrees=degrees)
-    searches = robot.ik_info.method == "numeric" or not goal.is_whole
+    searches = robot.ik_info.method == "numeric"
     answers = robot.ik(goal.target(), start, count=(count or _SEARCHED) if searches else None)
+    if count is None and answers.free and not show_all:
+        count = _SEARCHED
     reached = bool(answers.reached)
     records = _records(answers, outside=show_all or as_json)[:count]
     if as_json:
@@ -119,8 +121,12 @@ def outcome(answers: IKSolutions) -> dict[str, Any]:
 def _how_many(answers: IKSolutions, shown: int) -> str:
     """How many answers there are, and whether they are all."""
     found, inside = int(answers.count), int(answers.within_limits.sum())
+    if answers.free:
+        ways = {1: "a curve", 2: "a surface", 3: "a continuum"}.get(answers.free, "a continuum")
+        sampled = "" if shown == found else f", {shown} of {found} shown"
+        return f"the answers form {ways}, these are samples{sampled}"
     if not bool(answers.complete):
-        return f"{found} found by iteration; there may be others"
+        return f"{found} found; there may be others"
     others = f", {found - inside} outside the joint limits" if found > inside else ""
     hidden = f", {shown} shown" if found > shown else ""
     return f"{found} in all{others}{hidden}" + (" (--all shows them)" if inside < found > shown else "")

@@ -48,6 +48,9 @@ _CAPTURE_OF_ROOTS = 1e-2
 _WIDENED = 4.0
 """Beside a fold answers of an arm and of its ideal are apart by the root of the deviation; Newton starts that far out."""
 
+_NOTHING = 1e-13
+"""Deviations up to this are what rounding of the screws leaves: the arm is its own ideal."""
+
 _LEAST_SKEW = 1e-3
 """Axes 5 and 6 as far apart as this, in units of the size of the arm, are solved as skew."""
 
@@ -74,7 +77,7 @@ class SelfTest(NamedTuple):
     grid: float
     """Share of poses with joints at multiples of 90 degrees that had an answer; likewise."""
     doubtful: float
-    """Share of the random poses that were called doubtful: 0 at the exact level."""
+    """Share of the random poses that were called doubtful: next to 0 at the exact level."""
     worst_error: float
     """The largest error of an answer [m or rad]."""
 
@@ -146,7 +149,7 @@ class Family:
             kernels.ClosedFormFamily, _NATIVE[self.name] + ("_skew" if self.quartic and not self.first_three else "")
         )
         arrangement = getattr(kernels.FirstThree, self.first_three or "parallel_23")
-        widened = 0.0 if self.level == "exact" else _WIDENED * self.deviation
+        widened = 0.0 if self.deviation <= _NOTHING else _WIDENED * self.deviation
         capture = max(_CAPTURE[self.level], _CAPTURE_OF_ROOTS if self.quartic else 0.0)
         return kernels.ClosedForm(
             kind, arrangement, self.reversed, self.screws, self.home, self.scale, capture, widened

@@ -40,6 +40,7 @@ from pieper.ik.virtual_joint import CompleteMethod, complete_method, extended
 from pieper.kinematics.joints import as_joints
 from pieper.spatial._checks import poses
 from pieper.spatial.rotation import from_quaternion
+from pieper.spatial.twist import exp
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -63,7 +64,7 @@ _AT_ONCE = 16384  # poses, to bound the memory
 # Virtual joints: directions in the tip frame at right angles to one another, along no axis that an arm is likely to have.
 _VIRTUAL_AXES = ((0.36, 0.48, 0.8), (0.8, -0.6, 0.0), (0.48, 0.64, -0.6))
 # Some orientation, for targets whose orientation is free and does not matter.
-_SOME_ROTATION = from_quaternion([0.1, 0.3, 0.5, 0.806225774829855])
+_SOME_ROTATION = exp(np.array([0.0, 0.0, 0.0, 0.3, 0.8, 1.3]))[:3, :3]
 
 
 class PartialSolutions(NamedTuple):

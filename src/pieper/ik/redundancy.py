@@ -154,6 +154,15 @@ class Redundancy:
         return np.asarray(np.linalg.inv(home) @ back @ home)
 
 
+def fits(chain: Chain) -> bool:
+    """True for arms that `solve_redundant` takes: seven joints, six of which are solved with one held."""
+    try:
+        prepare(chain)
+    except ArrayError:
+        return False
+    return True
+
+
 def prepare(chain: Chain) -> Redundancy:
     """Which joint of an arm with seven is held, and how the others are solved; kept as long as the chain lives.
 

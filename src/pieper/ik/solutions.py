@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
+    from pieper.ik.curve import SolutionCurve
+    from pieper.ik.target import Target
     from pieper.model.chain import Chain
 
 FloatArray = NDArray[np.float64]
@@ -95,11 +97,13 @@ class IKSolutions:
         What `valid` was judged by [m] and [rad].
     branch_names : tuple of str
         What the branches are called, as in ``"front, elbow up, no flip"``; empty where they have no names.
-    free : (...) int array or int
-        Number of directions in which answers can be moved without leaving the target: 0 for isolated answers; else the answers
-        are samples of a continuum.
+    free : int
+        Number of directions in which answers can be moved without leaving the target: 0 for isolated answers, else the answers
+        are samples. See `curves`, also for poses at which single answers can be moved.
     malformed : mapping or None
         What is wrong with the targets of status `Status.malformed`, by index.
+    target : Target or None
+        The rows that count, where those are not all six.
     """
 
     chain: Chain
@@ -117,6 +121,7 @@ class IKSolutions:
     branch_names: tuple[str, ...] = ()
     free: int = 0
     malformed: Mapping[tuple[int, ...], str] | None = None
+    target: Target | None = None
     _nearest: Nearest | None = None
 
     @property
@@ -210,6 +215,48 @@ class IKSolutions:
     def _amount(self, joint: int, value: float) -> str:
         turns = (self.chain.coupling[:, joint] != 0.0) & self.chain.is_revolute
         return f"{np.degrees(value):.3g} deg" if turns.any() else f"{value:.3g} m"
+
+    def curves(self) -> list[SolutionCurve]:
+        """The curves of solutions that pass through the answers; for one target.
+
+        Most poses of six joints have none. With a straight wrist, or the wrist above axis 1, two joints can turn against each
+        other; each answer is then a point of a curve, which tells its free direction and, in words, the coupling. Arms with
+        seven joints and targets that leave one direction free have curves everywhere.
+
+        Returns
+        -------
+        list of SolutionCurve
+            One for each curve, not for each answer; see `pieper.ik.curve.follow`.
+
+        Raises
+        ------
+        ArrayError
+            For a batch, or where the solutions form surfaces.
+
+        Examples
+        --------
+        >>> from pieper.ik.solve import solve
+        >>> from pieper.kinematics.fk import fk
+        >>> from pieper.model import catalog
+        >>> arm = catalog.describe("kuka_kr210_robond").chain()
+        >>> answers = solve(arm, fk(arm, [0.1, 0.2, 0.3, 0.4, 0.0, 0.6]))
+        >>> answers.curves()[0].coupling
+        'joint_4 + joint_6 = const'
+        """
+        from pieper.ik.curve import follow
+        from pieper.kinematics.fk import fk
+
+        if self.status.ndim:
+            raise ArrayError(f"curves are for one target; this holds a batch of shape {self.status.shape}")
+        found: list[SolutionCurve] = []
+        for q in self.q[self.valid]:
+            if any(bool(curve.contains(q)) for curve in found):
+                continue
+            wanted = fk(self.chain, q) if self.target is None else self.target
+            curve = follow(self.chain, wanted, q)
+            if curve is not None:
+                found.append(curve)
+        return found
 
     def copies(self, *, seed: ArrayLike | None = None) -> Iterator[FloatArray]:
         """Every copy of every answer by whole turns that is inside the limits, nearest first; for one target.

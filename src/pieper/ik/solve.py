@@ -33,7 +33,13 @@ def solve(chain: Chain, target: ArrayLike | Target, *, seed: ArrayLike | None = 
     seed : (..., n) array, optional
         Joint values to be near to [rad or m]: answers are sorted by their distance from it, and joints that turn are given as
         the copy nearest to it. A solver that iterates starts there.
-    method : {"closed form", "general", "numeric"}, optional
+    redundancy : (..., m) array or mapping, optional
+        Seven joints: values of the joint that `ik_info` names, ``{"joint_3": values}`` of another joint, or ``{"swivel": angles}``;
+        every answer for each of them. See `pieper.ik.redundancy.solve_redundant`.
+    samples : int
+        Values to try where answers form curves and none are given (seven joints; targets that leave some freedom); 16 when not
+        given.
+    method : {"closed form", "general", "redundancy", "numeric"}, optional
         Instead of the one that suits the arm.
     count : int, optional
         Answers to return at most. All when not given; one from a solver that iterates.
@@ -60,8 +66,9 @@ def solve(chain: Chain, target: ArrayLike | Target, *, seed: ArrayLike | None = 
     Notes
     -----
     The method follows from the joint axes: `pieper.ik.closed_form` where they have a structure that allows it, else
-    `pieper.ik.general_6r` for six revolute joints, else `pieper.ik.numeric`, which finds some answers. What a closed form of
-    rounded numbers calls doubtful is solved a second time by the general solver.
+    `pieper.ik.general_6r` for six joints, `pieper.ik.redundancy` for seven, else `pieper.ik.numeric`, which finds some answers.
+    What a closed form calls doubtful is solved a second time by the general solver. Targets of some rows go to
+    `pieper.ik.partial` where it covers them; with ``count=1`` and no seed any answer will do, and iteration is quicker.
 
     Examples
     --------

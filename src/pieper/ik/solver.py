@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property, partial
+import functools
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from pieper._native import kernels
 from pieper.errors import ArrayError, unknown_name
-from pieper.ik import general_6r
+from pieper.ik import general_6r, partial, redundancy
 from pieper.ik.branches import Branches, name_branches
 from pieper.ik.family import Family, find_family
 from pieper.ik.numeric import require_counts, require_tolerances, solve_numeric
@@ -20,16 +21,23 @@ from pieper.ik.solutions import IKSolutions, Nearest, Status
 from pieper.ik.target import Target
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from numpy.typing import ArrayLike
 
     from pieper.model.chain import Chain
     from pieper.spatial._checks import FloatArray
 
-METHODS = ("closed form", "general", "numeric")
+METHODS = ("closed form", "general", "redundancy", "numeric")
 
 _MODES = {name: kernels.GeneralMode[name] for name in general_6r.MODES}
+
+_COMPILED = ("closed form", "general")
+
+_PLACES = ("q", "valid", "position_error", "rotation_error", "within_limits", "branch")
+"""Fields of `IKSolutions` with a place for every answer, in the order of the compiled solvers."""
+
+_WHOLE = Target(np.eye(4))
 
 _SAME = 1e-5
 """[rad or m] Answers of two methods that are no further apart are one."""
@@ -50,7 +58,8 @@ class IKInfo:
     Attributes
     ----------
     method : str
-        ``"closed form"``, ``"general"`` (the polynomial of six revolute joints) or ``"numeric"``.
+        ``"closed form"``, ``"general"`` (the polynomial of six joints), ``"redundancy"`` (seven joints, one of them given) or
+        ``"numeric"``.
     structure : str
         What was found in the joint axes, in words.
     level : str
@@ -58,7 +67,8 @@ class IKInfo:
     deviation : float
         The largest amount by which a relation between the axes is off [rad, or m in units of the size of the arm].
     max_solutions : int
-        Isolated answers that one pose can have at most; 0 where that is not known.
+        Isolated answers that one pose can have at most, for one value of the redundancy where there is one; 0 where that is
+        not known.
     complete : bool
         True when every isolated answer of a pose is listed.
     self_test : str
@@ -77,9 +87,53 @@ class IKInfo:
     branch_names: tuple[str, ...]
 
     def __str__(self) -> str:
-        how = {"closed form": "in closed form", "general": "by its polynomial", "numeric": "by iteration"}[self.method]
+        how = {
+            "closed form": "in closed form",
+            "general": "by its polynomial",
+            "redundancy": "for values of one joint",
+            "numeric": "by iteration",
+        }[self.method]
         every = "every answer is listed" if self.complete else "some answers are found"
+        if self.method == "redundancy":
+            every = "every answer for each value is listed"
         return f"solved {how}, {every}: {self.structure}" + (f"; {self.self_test}" if self.self_test else "")
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """The options of one call."""
+
+    method: str | None
+    mode: str
+    count: int | None
+    redundancy: ArrayLike | Mapping[str, ArrayLike] | None
+    samples: int
+    position_tolerance: float
+    rotation_tolerance: float
+    restarts: int
+    threads: int
+
+    @property
+    def tolerances(self) -> tuple[float, float]:
+        return self.position_tolerance, self.rotation_tolerance
+
+    def check(self) -> None:
+        """Raises ArrayError where a number is not of its kind."""
+        require_tolerances(*self.tolerances)
+        counts = {"restarts": self.restarts, "threads": self.threads, "samples": self.samples}
+        require_counts(**counts, **({} if self.count is None else {"count": self.count}))
+
+    def iterate(self, chain: Chain, target: ArrayLike | Target, *, seed: ArrayLike | None, count: int) -> IKSolutions:
+        return solve_numeric(
+            chain,
+            target,
+            seed=seed,
+            count=count,
+            position_tolerance=self.position_tolerance,
+            rotation_tolerance=self.rotation_tolerance,
+            restarts=self.restarts,
+            threads=self.threads,
+        )
 
 
 class Solver:
@@ -109,6 +163,8 @@ class Solver:
             self._form.name_branches(self._branches.of_slot)
         elif general_6r.fits(chain):
             self.method = "general"
+        elif redundancy.fits(chain):
+            self.method = "redundancy"
 
     @cached_property
     def info(self) -> IKInfo:
@@ -135,6 +191,9 @@ class Solver:
                 for r in reports
             )
             return IKInfo(self.method, family.reason, "", 0.0, general_6r.MOST_SOLUTIONS, True, tested, ())
+        if self.method == "redundancy":
+            made = redundancy.prepare(self.chain)
+            return IKInfo(self.method, made.reason, "", 0.0, made.places, False, "", ())
         return IKInfo("numeric", family.reason, "", 0.0, 0, False, "", ())
 
     # --- the call
@@ -144,6 +203,8 @@ class Solver:
         target: ArrayLike | Target,
         seed: ArrayLike | None = None,
         *,
+        redundancy: ArrayLike | Mapping[str, ArrayLike] | None = None,
+        samples: int = 16,
         method: str | None = None,
         count: int | None = None,
         mode: str = "checked",
@@ -153,9 +214,9 @@ class Solver:
         threads: int = 1,
     ) -> IKSolutions:
         """Joint values that bring the tip to a target; see `pieper.ik.solve.solve`."""
-        if method is None and count is None and mode in _MODES and self.method != "numeric":
+        if method is None and count is None and redundancy is None and mode in _MODES and self.method in _COMPILED:
             try:  # plain arrays of the right shape: one call of the compiled solver
-                found = self._ask(self.method, target, seed, mode, position_tolerance, rotation_tolerance, threads)
+                found = self._compiled(self.method, target, seed, mode, position_tolerance, rotation_tolerance, threads)
             except TypeError:
                 pass
             else:
@@ -164,61 +225,60 @@ class Solver:
                     find_nearest: Callable[[IKSolutions], Nearest] = _nothing_missed
                     if missed:
                         kept = np.array(target), None if seed is None else np.array(seed)
-                        find_nearest = partial(self._nearest_of, *kept, restarts, threads)
+                        find_nearest = functools.partial(self._nearest_of, *kept, restarts, threads)
                     arrays = *found[:8], find_nearest, position_tolerance, rotation_tolerance, self._branches.names
                     return IKSolutions(self.chain, *arrays)
-        return self._solve_with_care(
-            target, seed, method, count, mode, (position_tolerance, rotation_tolerance), restarts, threads
+        asked = _Asked(
+            method, mode, count, redundancy, samples, position_tolerance, rotation_tolerance, restarts, threads
         )
+        return self._solve_with_care(target, seed, asked)
 
-    def _solve_with_care(
-        self,
-        target: ArrayLike | Target,
-        seed: ArrayLike | None,
-        method: str | None,
-        count: int | None,
-        mode: str,
-        tolerances: tuple[float, float],
-        restarts: int,
-        threads: int,
-    ) -> IKSolutions:
-        if method is not None and method not in METHODS:
-            raise unknown_name("method", method, METHODS, "inverse kinematics")
-        if mode not in general_6r.MODES:
-            raise unknown_name("mode", mode, general_6r.MODES, "the general solver")
-        chosen = method or self.method
+    def _solve_with_care(self, target: ArrayLike | Target, seed: ArrayLike | None, asked: _Asked) -> IKSolutions:
+        if asked.method is not None and asked.method not in METHODS:
+            raise unknown_name("method", asked.method, METHODS, "inverse kinematics")
+        if asked.mode not in _MODES:
+            raise unknown_name("mode", asked.mode, general_6r.MODES, "the general solver")
+        chosen = asked.method or self.method
+        if asked.redundancy is not None and chosen != "redundancy":
+            raise ArrayError(
+                f"a value of the redundancy is for arms with seven joints and whole poses; {self.chain.name!r} has "
+                f"{self.chain.dof}, solved by the method {chosen!r}"
+            )
         whole = not isinstance(target, Target) or (target.axis is None and all(target.weights))
-        iterate = partial(
-            solve_numeric,
-            self.chain,
-            position_tolerance=tolerances[0],
-            rotation_tolerance=tolerances[1],
-            restarts=restarts,
-            threads=threads,
-        )
-        if chosen == "numeric" or (method is None and not whole):
-            return self._numeric(iterate, target, seed, 1 if count is None else count)
+        if not whole and asked.method is None:
+            assert isinstance(target, Target)
+            one_will_do = asked.count == 1 and seed is None
+            if partial.covers(self.chain, target) and not one_will_do:
+                return self._some_rows(target, seed, asked)
+            chosen = "numeric"
+        if chosen == "numeric":
+            return self._numeric(target, seed, asked)
         if not whole:
             raise ArrayError(f"the method {chosen!r} takes whole poses; leave the method out for a target of some rows")
-        require_tolerances(*tolerances)
-        require_counts(restarts=restarts, threads=threads, **({} if count is None else {"count": count}))
+        asked.check()
         question = ask(self.chain, target.T_base_tip if isinstance(target, Target) else target, seed)
         T, seeds = question.T_base_tip, question.seed
-        found = self._ask(chosen, T, seeds, mode, *tolerances, threads)
-        names = self._branches.names if chosen == "closed form" else ()
-        arrays = *found[:8], _nothing_missed, *tolerances, names
-        answers = IKSolutions(self.chain, *arrays)
-        self._look_again(answers, T, seeds, iterate)
-        wanted = (
-            Target(T, target.weights, target.position_axes, target.rotation_axes) if isinstance(target, Target) else T
-        )
-        answers.find_nearest = partial(self._nearest_of, wanted, seeds, restarts, threads)
+        if chosen == "redundancy":
+            answers = self._for_values(T, seeds, asked)
+            again = answers.status != Status.reached if asked.redundancy is None else None
+        else:
+            found = self._compiled(chosen, T, seeds, asked.mode, *asked.tolerances, asked.threads)
+            names = self._branches.names if chosen == "closed form" else ()
+            arrays = *found[:8], _nothing_missed, *asked.tolerances, names
+            answers = IKSolutions(self.chain, *arrays)
+            again = ~answers.complete
+            if max(asked.tolerances) > _TIGHT:
+                again |= answers.status == Status.unreachable
+        if again is not None:
+            self._look_again(answers, T, seeds, asked, again, by_polynomial=chosen == "closed form")
+        wanted = replace(target, T_base_tip=T) if isinstance(target, Target) else T
+        answers.find_nearest = functools.partial(self._nearest_of, wanted, seeds, asked.restarts, asked.threads)
         _mark_malformed(answers, question.malformed)
-        return answers if count is None else _first(answers, count)
+        return answers if asked.count is None else _first(answers, asked.count)
 
     # --- the methods
 
-    def _ask(
+    def _compiled(
         self,
         method: str,
         T: Any,
@@ -240,44 +300,128 @@ class Solver:
             prepared, _MODES[mode], T, seeds, position_tolerance, rotation_tolerance, threads
         )
 
+    def _for_values(self, T: FloatArray, seeds: FloatArray | None, asked: _Asked) -> IKSolutions:
+        """Seven joints: every answer for some values of one of them, and with a seed the one that grows out of it."""
+        found = redundancy.solve_redundant(
+            self.chain,
+            T,
+            values=asked.redundancy,
+            samples=asked.samples,
+            position_tolerance=asked.position_tolerance,
+            rotation_tolerance=asked.rotation_tolerance,
+            threads=asked.threads,
+        )
+        q, position, rotation = found.q, found.position_error, found.rotation_error
+        if seeds is not None and asked.redundancy is None:
+            near = asked.iterate(self.chain, T, seed=seeds, count=1)
+            q = np.concatenate([near.q, q], axis=-2)
+            position = np.concatenate([near.position_error, position], axis=-1)
+            rotation = np.concatenate([near.rotation_error, rotation], axis=-1)
+        answers = self._arranged(q, position, rotation, T, seeds, None, asked)
+        if asked.redundancy is None:
+            answers.free = 1
+        else:
+            answers.complete = np.asarray(~found.doubtful.any(axis=-1))
+        return answers
+
+    def _some_rows(self, target: Target, seed: ArrayLike | None, asked: _Asked) -> IKSolutions:
+        """A position, or a position and one axis."""
+        asked.check()
+        found = partial.solve_partial(
+            self.chain,
+            target,
+            seed=seed,
+            samples=asked.samples,
+            position_tolerance=asked.position_tolerance,
+            rotation_tolerance=asked.rotation_tolerance,
+            threads=asked.threads,
+        )
+        question = ask(self.chain, target.T_base_tip, seed)
+        T, seeds = question.T_base_tip, question.seed
+        answers = self._arranged(found.q, found.position_error, found.rotation_error, T, seeds, target, asked)
+        answers.free = found.free_dimension
+        answers.complete = np.full(answers.status.shape, found.complete)
+        again = answers.status != Status.reached
+        if not found.complete:
+            self._look_again(answers, T, seeds, asked, again, by_polynomial=False, target=target)
+        answers.find_nearest = functools.partial(self._nearest_of, target, seeds, asked.restarts, asked.threads)
+        return answers if asked.count is None else _first(answers, asked.count)
+
+    def _numeric(self, target: ArrayLike | Target, seed: ArrayLike | None, asked: _Asked) -> IKSolutions:
+        count = 1 if asked.count is None else asked.count
+        try:
+            return asked.iterate(self.chain, target, seed=seed, count=count)
+        except ArrayError:
+            if isinstance(target, Target):
+                raise
+            question = ask(self.chain, target, seed)
+            if not question.malformed:
+                raise
+        answers = asked.iterate(self.chain, question.T_base_tip, seed=question.seed, count=count)
+        _mark_malformed(answers, question.malformed)
+        return answers
+
+    def _arranged(
+        self,
+        q: FloatArray,
+        position_error: FloatArray,
+        rotation_error: FloatArray,
+        T: FloatArray,
+        seeds: FloatArray | None,
+        target: Target | None,
+        asked: _Asked,
+    ) -> IKSolutions:
+        """Answers in the order of their use, as many places as the target with the most of them needs."""
+        arrays: Any = self.chain.native.arrange(
+            np.ascontiguousarray(q),
+            np.ascontiguousarray(position_error),
+            np.ascontiguousarray(rotation_error),
+            np.full(position_error.shape, -1, dtype=np.int8),
+            T,
+            seeds,
+            _WHOLE.rows if target is None else target.rows,
+            *asked.tolerances,
+        )
+        *places, status = arrays
+        most = int(places[1].sum(axis=-1).max(initial=0))
+        kept = [values[..., :most, :] if values.ndim > places[1].ndim else values[..., :most] for values in places]
+        arrays = *kept, status, np.zeros(status.shape, dtype=bool), _nothing_missed, *asked.tolerances
+        answers = IKSolutions(self.chain, *arrays)
+        answers.target = target
+        return answers
+
     @cached_property
     def _general(self) -> kernels.NativeGeneral6R:
         return general_6r.prepare(self.chain).native
 
-    def _numeric(self, iterate: Any, target: ArrayLike | Target, seed: ArrayLike | None, count: int) -> IKSolutions:
-        if isinstance(target, Target):
-            return iterate(target, seed=seed, count=count)  # type: ignore[no-any-return]
-        try:
-            return iterate(target, seed=seed, count=count)  # type: ignore[no-any-return]
-        except ArrayError:
-            question = ask(self.chain, target, seed)
-            if not question.malformed:
-                raise
-        answers: IKSolutions = iterate(question.T_base_tip, seed=question.seed, count=count)
-        _mark_malformed(answers, question.malformed)
-        return answers
-
     # --- what follows
 
-    def _look_again(self, answers: IKSolutions, T: FloatArray, seeds: FloatArray | None, iterate: Any) -> None:
-        """Solves again, by another method, what is doubtful; and by iteration what is missed but may be near enough."""
-        loose = max(answers.position_tolerance, answers.rotation_tolerance) > _TIGHT
-        none = answers.status == Status.unreachable
-        again = ~answers.complete if not loose else ~answers.complete | none
+    def _look_again(
+        self,
+        answers: IKSolutions,
+        T: FloatArray,
+        seeds: FloatArray | None,
+        asked: _Asked,
+        again: BoolArray,
+        *,
+        by_polynomial: bool,
+        target: Target | None = None,
+    ) -> None:
+        """Solves some targets by another method too: what is doubtful, and what is missed but may be near enough."""
         if not again.any():
             return
         more: list[tuple[FloatArray, FloatArray, FloatArray]] = []
         some = None if seeds is None else seeds[again]
-        if general_6r.fits(self.chain) and answers.branch_names:
+        certain = np.zeros(int(again.sum()), dtype=bool)
+        if by_polynomial and general_6r.fits(self.chain):
             second = general_6r.solve_general_6r(self.chain, T[again], mode="complete")
             more.append((second.q, second.position_error, second.rotation_error))
             certain = np.asarray((second.flags & general_6r.Flag.doubtful) == 0)
-        else:
-            certain = np.zeros(int(again.sum()), dtype=bool)
-        if not certain.all() or loose:
-            further = iterate(T[again], seed=some, count=_FURTHER)
+        if not certain.all() or max(asked.tolerances) > _TIGHT:
+            wanted = T[again] if target is None else replace(target, T_base_tip=T[again])
+            further = asked.iterate(self.chain, wanted, seed=some, count=_FURTHER)
             more.append((further.q, further.position_error, further.rotation_error))
-        self._add(answers, again, T, some, more)
+        self._add(answers, again, T, some, more, target)
         answers.complete[again] = certain
 
     def _add(
@@ -287,8 +431,9 @@ class Solver:
         T: FloatArray,
         seeds: FloatArray | None,
         more: list[tuple[FloatArray, FloatArray, FloatArray]],
+        target: Target | None,
     ) -> None:
-        """Joins further answers to those that there are, each once, as many as there are places."""
+        """Joins further answers to those that there are, each once."""
         places = answers.valid.shape[-1]
         q = np.concatenate([answers.q[rows], *(m[0] for m in more)], axis=1)
         position = np.concatenate([answers.position_error[rows], *(m[1] for m in more)], axis=1)
@@ -300,13 +445,24 @@ class Solver:
             apart = q[:, :k] - q[:, k : k + 1]
             apart = np.where(turning, np.remainder(apart + np.pi, 2.0 * np.pi) - np.pi, apart)
             with np.errstate(invalid="ignore"):
-                known = (np.abs(apart).max(axis=-1) < _SAME).any(axis=-1)
+                known = (np.abs(apart).max(axis=-1, initial=0.0) < _SAME).any(axis=-1)
             position[known, k] = np.nan
         joined: Any = self.chain.native.arrange(
-            q, position, rotation, branch, T[rows], seeds, answers.position_tolerance, answers.rotation_tolerance
+            q,
+            position,
+            rotation,
+            branch,
+            T[rows],
+            seeds,
+            _WHOLE.rows if target is None else target.rows,
+            answers.position_tolerance,
+            answers.rotation_tolerance,
         )
-        fields = ("q", "valid", "position_error", "rotation_error", "within_limits", "branch")
-        for name, values in zip(fields, joined, strict=False):
+        needed = int(joined[1].sum(axis=-1).max(initial=0))
+        if answers.free and needed > places:
+            _widen(answers, needed)
+            places = needed
+        for name, values in zip(_PLACES, joined, strict=False):
             getattr(answers, name)[rows] = values[:, :places]
         answers.status[rows] = joined[-1]
 
@@ -320,7 +476,7 @@ class Solver:
             return near
         wanted: FloatArray | Target
         if isinstance(target, Target):
-            wanted = Target(target.T_base_tip[missed], target.weights, target.position_axes, target.rotation_axes)
+            wanted = replace(target, T_base_tip=target.T_base_tip[missed])
         else:
             wanted = target[missed]
         found = solve_numeric(
@@ -357,9 +513,20 @@ def _mark_malformed(answers: IKSolutions, malformed: dict[tuple[int, ...], str])
     answers.malformed = malformed or None
 
 
+def _widen(answers: IKSolutions, places: int) -> None:
+    """More places for answers, empty ones."""
+    for name in _PLACES:
+        values = getattr(answers, name)
+        axis = answers.valid.ndim - 1
+        padding = [(0, 0)] * values.ndim
+        padding[axis] = (0, places - values.shape[axis])
+        empty = {"q": np.nan, "position_error": np.nan, "rotation_error": np.nan, "branch": -1}.get(name, False)
+        setattr(answers, name, np.pad(values, padding, constant_values=empty))
+
+
 def _first(answers: IKSolutions, count: int) -> IKSolutions:
     """No more than the first `count` answers."""
-    for name in ("q", "valid", "position_error", "rotation_error", "within_limits", "branch"):
+    for name in _PLACES:
         values = getattr(answers, name)
         setattr(answers, name, values[..., :count, :] if name == "q" else values[..., :count])
     return answers
