@@ -20,7 +20,7 @@ T = fk(ARM, Q)
 
 def reached(answers):
     assert answers.reached.all(), answers.reasons[~answers.reached]
-    assert answers.within_limits.all()
+    assert answers.within_limits[..., 0].all()
     return fk(ARM, answers.q[..., 0, :])
 
 
