@@ -22,6 +22,9 @@ html_title = f"Pieper {version}"
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 
+# attributes of the same name in several results are told apart by their class
+suppress_warnings = ["ref.python"]
+
 autosummary_generate = True
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"

@@ -2,12 +2,14 @@
 
 Each joint beyond the rows that count leaves one dimension of answers:
 
-| joints | position and one axis (5 rows) | position (3 rows) |
-|---|---|---|
-| 3 | | isolated answers |
-| 4 | | curves |
-| 5 | isolated answers | surfaces |
-| 6 | curves | three dimensions |
+====== ================================ =================
+joints position and one axis (5 rows)   position (3 rows)
+====== ================================ =================
+3                                       isolated answers
+4                                       curves
+5      isolated answers                 surfaces
+6      curves                           three dimensions
+====== ================================ =================
 
 **Isolated answers** are all found: virtual joints make a whole pose of the target (`pieper.ik.virtual_joint`).
 

@@ -2,13 +2,13 @@
 
 Axes 1, 2 and 3 meet in the shoulder S, axes 5, 6 and 7 in the wrist W, and the elbow E is the point of axis 4 nearest to the
 shoulder. The tip holds W, so E keeps its distances from S and W and goes round the line SW. With the unit vector
-``e_SW`` along that line, the angle psi of E about it is counted from a reference direction ``e_x`` across it:
+``e_SW`` along that line, the angle psi of E about it is counted from a reference direction ``e_x`` across it::
 
-    E = C + |CE| (cos(psi) e_x + sin(psi) e_SW x e_x),        C the point of the line SW nearest to E.
+    E = C + r (cos(psi) e_x + sin(psi) e_SW x e_x),        C the point of the line SW nearest to E, r the distance of E from it.
 
 Two references are known. The *conventional* one is the part of a fixed direction ``e_r`` across the line,
 ``e_x ~ (e_SW x e_r) x e_SW``: it is lost wherever the wrist is on the line through the shoulder along ``e_r``, in front or behind. The
-*stereographic* one,
+*stereographic* one::
 
     e_x ~ ((e_SW - e_t) x e_r) x e_SW,        e_r across e_t,
 
