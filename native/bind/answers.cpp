@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -80,9 +82,9 @@ class Outcome {
     return {slots_,        q_.data(),      position_.data(), rotation_.data(),
             valid_.data(), within_.data(), branch_.data(),   status_.data()};
   }
-  nb::object alone() const {
+  nb::object alone(std::size_t missed) const {
     return nb::make_tuple(q_.array(), valid_.array(), position_.array(), rotation_.array(), within_.array(),
-                          branch_.array(), status_.array());
+                          branch_.array(), status_.array(), missed);
   }
   // With what was doubtful, which becomes what is complete, and counts.
   nb::object with(std::size_t count, const NewArray<bool>& doubtful) const {
@@ -168,40 +170,73 @@ void bind_answers(nb::module_& module, nb::class_<NativeChain>& chain) {
       std::string(
           "def arrange(self, q: object, position_error: object, rotation_error: object, branch: object, "
           "targets: object, seeds: object, rows: TargetRows, position_tolerance: float, "
-          "rotation_tolerance: float) -> ") +
-      answers_type + "]";
+          "rotation_tolerance: float, most: int) -> ") +
+      answers_type + ", int]";
   chain.def(
       "arrange",
       [](const NativeChain& self, nb::handle found, nb::handle position_error, nb::handle rotation_error,
          nb::handle branches, nb::handle targets, nb::handle seeds, const TargetRows& rows, double position_tolerance,
-         double rotation_tolerance) {
+         double rotation_tolerance, std::size_t most) {
         AnswerOptions options{position_tolerance, rotation_tolerance};
         const Question question(self, targets, seeds, options, 1);
         const Input& T = question.T;
-        const std::size_t n = self.chain.joints();
+        const std::size_t n = self.chain.joints(), count = T.count();
         const Input before(found, {n}, "q");
-        const std::size_t all = before.count(), k = T.count() > 0 ? all / T.count() : 0;
+        const std::size_t all = before.count(), k = count > 0 ? all / count : 0;
         const Input position_before(position_error, {}, "position_error"),
             rotation_before(rotation_error, {}, "rotation_error");
-        const Bytes branches_before(branches, "branch");
-        if (k * T.count() != all || position_before.count() != all || rotation_before.count() != all ||
-            branches_before.count() != all)
+        std::optional<Bytes> branches_before;
+        if (!branches.is_none()) branches_before.emplace(branches, "branch");
+        if (k * count != all || position_before.count() != all || rotation_before.count() != all ||
+            (branches_before && branches_before->count() != all))
           not_plain("q");
-        const Outcome out(T, k, n);
+        options.rows = rows;
+        if (branches_before) options.branches = branches_before->data();
+        // put in order aside, because how many places are needed is known only then
+        std::vector<double> q(before.data(), before.data() + all * n),
+            position(position_before.data(), position_before.data() + all),
+            rotation(rotation_before.data(), rotation_before.data() + all);
+        const std::unique_ptr<bool[]> valid(new bool[all]), within(new bool[all]);
+        std::fill_n(valid.get(), all, true);
+        std::vector<signed char> branch(all), status(count);
+        arrange(
+            self.chain, T.data(), question.seeds(), count, options,
+            {k, q.data(), position.data(), rotation.data(), valid.get(), within.get(), branch.data(), status.data()});
+        std::size_t needed = 0, missed = 0;
+        for (std::size_t i = 0; i < count; ++i) {
+          std::size_t here = 0;
+          while (here < k && valid[i * k + here]) ++here;
+          needed = std::max(needed, here);
+          missed += status[i] != static_cast<signed char>(AnswerStatus::reached);
+        }
+        const std::size_t places = most > 0 ? most : needed, kept = std::min(places, k);
+        const Outcome out(T, places, n);
         const Answers answers = out.answers();
-        std::copy_n(before.data(), all * n, answers.q);
-        std::copy_n(position_before.data(), all, answers.position_error);
-        std::copy_n(rotation_before.data(), all, answers.rotation_error);
-        std::fill_n(answers.valid, all, true);
-        options.branches = branches_before.data(), options.rows = rows;
-        arrange(self.chain, T.data(), question.seeds(), T.count(), options, answers);
-        return out.alone();
+        for (std::size_t i = 0; i < count; ++i) {
+          const std::size_t from = i * k, to = i * places;
+          std::copy_n(&q[0] + from * n, kept * n, answers.q + to * n);
+          std::copy_n(&position[0] + from, kept, answers.position_error + to);
+          std::copy_n(&rotation[0] + from, kept, answers.rotation_error + to);
+          std::copy_n(valid.get() + from, kept, answers.valid + to);
+          std::copy_n(within.get() + from, kept, answers.within_limits + to);
+          std::copy_n(&branch[0] + from, kept, answers.branch + to);
+          constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+          std::fill_n(answers.q + (to + kept) * n, (places - kept) * n, nan);
+          std::fill_n(answers.position_error + to + kept, places - kept, nan);
+          std::fill_n(answers.rotation_error + to + kept, places - kept, nan);
+          std::fill_n(answers.valid + to + kept, places - kept, false);
+          std::fill_n(answers.within_limits + to + kept, places - kept, false);
+          std::fill_n(answers.branch + to + kept, places - kept, static_cast<signed char>(-1));
+          answers.status[i] = status[i];
+        }
+        return out.alone(missed);
       },
-      nb::arg("q"), nb::arg("position_error"), nb::arg("rotation_error"), nb::arg("branch"), nb::arg("targets"),
+      nb::arg("q"), nb::arg("position_error"), nb::arg("rotation_error"), nb::arg("branch").none(), nb::arg("targets"),
       nb::arg("seeds").none(), nb::arg("rows"), nb::arg("position_tolerance"), nb::arg("rotation_tolerance"),
-      nb::sig(arrange_type.c_str()),
+      nb::arg("most"), nb::sig(arrange_type.c_str()),
       "Joints (..., k, n) that were found for poses (..., 4, 4), with errors (..., k) that are NaN where there is none, "
-      "in the order of their use: as answer_by_closed_form, without complete and the counts.");
+      "in the order of their use: q, valid, position_error, rotation_error, within_limits, branch with `most` places, or with as many "
+      "as are needed where that is 0, status (...), and how many were not reached.");
 }
 
 }  // namespace pieper::bind

@@ -54,9 +54,9 @@ class NativeChain:
     def answer_by_polynomial(self, solver: NativeGeneral6R, mode: GeneralMode, targets: object, seeds: object, position_tolerance: float, rotation_tolerance: float, threads: int) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.int8], numpy.typing.NDArray[numpy.int8], numpy.typing.NDArray[numpy.bool_], int, int]:
         """As answer_by_closed_form, with (..., 16) places and without branches."""
 
-    def arrange(self, q: object, position_error: object, rotation_error: object, branch: object, targets: object, seeds: object, rows: TargetRows, position_tolerance: float, rotation_tolerance: float) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.int8], numpy.typing.NDArray[numpy.int8]]:
+    def arrange(self, q: object, position_error: object, rotation_error: object, branch: object, targets: object, seeds: object, rows: TargetRows, position_tolerance: float, rotation_tolerance: float, most: int) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.int8], numpy.typing.NDArray[numpy.int8], int]:
         """
-        Joints (..., k, n) that were found for poses (..., 4, 4), with errors (..., k) that are NaN where there is none, in the order of their use: as answer_by_closed_form, without complete and the counts.
+        Joints (..., k, n) that were found for poses (..., 4, 4), with errors (..., k) that are NaN where there is none, in the order of their use: q, valid, position_error, rotation_error, within_limits, branch with `most` places, or with as many as are needed where that is 0, status (...), and how many were not reached.
         """
 
 class RotationTarget(enum.Enum):

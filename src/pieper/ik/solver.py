@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from pieper._native import kernels
 from pieper.errors import ArrayError, unknown_name
-from pieper.ik import general_6r, partial, redundancy
+from pieper.ik import general_6r, partial
+from pieper.ik import redundancy as redundancy_
 from pieper.ik.branches import Branches, name_branches
 from pieper.ik.family import Family, find_family
 from pieper.ik.numeric import require_counts, require_tolerances, solve_numeric
@@ -36,6 +37,9 @@ _COMPILED = ("closed form", "general")
 
 _PLACES = ("q", "valid", "position_error", "rotation_error", "within_limits", "branch")
 """Fields of `IKSolutions` with a place for every answer, in the order of the compiled solvers."""
+
+_EMPTY: dict[str, float] = {"q": np.nan, "position_error": np.nan, "rotation_error": np.nan, "branch": -1}
+"""What a place without an answer holds; False in the others."""
 
 _WHOLE = Target(np.eye(4))
 
@@ -163,7 +167,7 @@ class Solver:
             self._form.name_branches(self._branches.of_slot)
         elif general_6r.fits(chain):
             self.method = "general"
-        elif redundancy.fits(chain):
+        elif redundancy_.fits(chain):
             self.method = "redundancy"
 
     @cached_property
@@ -192,7 +196,7 @@ class Solver:
             )
             return IKInfo(self.method, family.reason, "", 0.0, general_6r.MOST_SOLUTIONS, True, tested, ())
         if self.method == "redundancy":
-            made = redundancy.prepare(self.chain)
+            made = redundancy_.prepare(self.chain)
             return IKInfo(self.method, made.reason, "", 0.0, made.places, False, "", ())
         return IKInfo("numeric", family.reason, "", 0.0, 0, False, "", ())
 
@@ -227,6 +231,23 @@ class Solver:
                         kept = np.array(target), None if seed is None else np.array(seed)
                         find_nearest = functools.partial(self._nearest_of, *kept, restarts, threads)
                     arrays = *found[:8], find_nearest, position_tolerance, rotation_tolerance, self._branches.names
+                    return IKSolutions(self.chain, *arrays)
+        if (
+            self.method == "redundancy"
+            and method is None
+            and count is None
+            and redundancy is None
+            and seed is None
+            and type(target) is np.ndarray
+        ):
+            try:
+                found = self._sampled(target, samples, position_tolerance, rotation_tolerance, threads)
+            except (TypeError, ArrayError):
+                pass
+            else:
+                if found[7] == 0:
+                    complete = np.zeros(target.shape[:-2], dtype=bool)
+                    arrays = *found[:7], complete, _nothing_missed, position_tolerance, rotation_tolerance, (), 1
                     return IKSolutions(self.chain, *arrays)
         asked = _Asked(
             method, mode, count, redundancy, samples, position_tolerance, rotation_tolerance, restarts, threads
@@ -300,9 +321,26 @@ class Solver:
             prepared, _MODES[mode], T, seeds, position_tolerance, rotation_tolerance, threads
         )
 
+    def _sampled(
+        self, T: FloatArray, samples: int, position_tolerance: float, rotation_tolerance: float, threads: int
+    ) -> tuple[Any, ...]:
+        """Seven joints, plain poses: the answers for some values of one joint, in the order of their use."""
+        found = redundancy_.solve_redundant(
+            self.chain,
+            T,
+            samples=samples,
+            position_tolerance=position_tolerance,
+            rotation_tolerance=rotation_tolerance,
+            threads=threads,
+        )
+        errors = np.ascontiguousarray(found.position_error), np.ascontiguousarray(found.rotation_error)
+        return self.chain.native.arrange(
+            found.q, *errors, None, T, None, _WHOLE.rows, position_tolerance, rotation_tolerance, 0
+        )
+
     def _for_values(self, T: FloatArray, seeds: FloatArray | None, asked: _Asked) -> IKSolutions:
         """Seven joints: every answer for some values of one of them, and with a seed the one that grows out of it."""
-        found = redundancy.solve_redundant(
+        found = redundancy_.solve_redundant(
             self.chain,
             T,
             values=asked.redundancy,
@@ -376,16 +414,15 @@ class Solver:
             np.ascontiguousarray(q),
             np.ascontiguousarray(position_error),
             np.ascontiguousarray(rotation_error),
-            np.full(position_error.shape, -1, dtype=np.int8),
+            None,
             T,
             seeds,
             _WHOLE.rows if target is None else target.rows,
             *asked.tolerances,
+            0,
         )
-        *places, status = arrays
-        most = int(places[1].sum(axis=-1).max(initial=0))
-        kept = [values[..., :most, :] if values.ndim > places[1].ndim else values[..., :most] for values in places]
-        arrays = *kept, status, np.zeros(status.shape, dtype=bool), _nothing_missed, *asked.tolerances
+        rest = np.zeros(T.shape[:-2], dtype=bool), _nothing_missed, *asked.tolerances
+        arrays = *arrays[:7], *rest
         answers = IKSolutions(self.chain, *arrays)
         answers.target = target
         return answers
@@ -457,14 +494,20 @@ class Solver:
             _WHOLE.rows if target is None else target.rows,
             answers.position_tolerance,
             answers.rotation_tolerance,
+            0,
         )
-        needed = int(joined[1].sum(axis=-1).max(initial=0))
+        needed = joined[1].shape[-1]
         if answers.free and needed > places:
             _widen(answers, needed)
             places = needed
+        kept = min(places, needed)
         for name, values in zip(_PLACES, joined, strict=False):
-            getattr(answers, name)[rows] = values[:, :places]
-        answers.status[rows] = joined[-1]
+            former = getattr(answers, name)
+            some = former[rows]
+            some[:, kept:] = _EMPTY.get(name, False)
+            some[:, :kept] = values[:, :kept]
+            former[rows] = some
+        answers.status[rows] = joined[6]
 
     def _nearest_of(
         self, target: FloatArray | Target, seeds: FloatArray | None, restarts: int, threads: int, answers: IKSolutions
@@ -520,8 +563,7 @@ def _widen(answers: IKSolutions, places: int) -> None:
         axis = answers.valid.ndim - 1
         padding = [(0, 0)] * values.ndim
         padding[axis] = (0, places - values.shape[axis])
-        empty = {"q": np.nan, "position_error": np.nan, "rotation_error": np.nan, "branch": -1}.get(name, False)
-        setattr(answers, name, np.pad(values, padding, constant_values=empty))
+        setattr(answers, name, np.pad(values, padding, constant_values=_EMPTY.get(name, False)))
 
 
 def _first(answers: IKSolutions, count: int) -> IKSolutions:
