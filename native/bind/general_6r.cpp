@@ -41,7 +41,7 @@ void bind_general_6r(nb::module_& module) {
       .def(
           "__init__",
           [](General6R* self, const NativeChain& chain) {
-            if (!General6R::fits(chain.chain)) throw nb::value_error("not six revolute joints");
+            if (!General6R::fits(chain.chain)) throw nb::value_error("not six joints of which at least five turn");
             new (self) General6R(chain.chain);
           },
           nb::arg("chain"), nb::keep_alive<1, 2>())

@@ -75,6 +75,8 @@ Motion motion_of(const JointFrame& f) {
 
 Motion turn_about_z(double c, double s) { return {c, -s, 0, 0, s, c, 0, 0, 0, 0, 1, 0}; }
 
+Motion slide_along_z(double d) { return {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, d}; }
+
 Motion motion_of(const JointStep& s) {
   return {1, 0, 0, s.x, 0, s.cos_twist, -s.sin_twist, s.y, 0, s.sin_twist, s.cos_twist, s.z};
 }
@@ -160,15 +162,25 @@ const TrigonometricTables& tables() {
 // Shift and direction of the six forms, in the order of LoopForm's users: q3 q1 q2 and, backwards, q4 q6 q5.
 constexpr int form_shifts[form_count] = {0, 4, 5, 0, 4, 5};
 
-int remaining_joint(const LoopForm& form) {
-  const int place = (2 + form.shift) % 6;
-  return form.reversed ? 5 - place : place;
+// Which joint of the arm is joint `place` of the loop, both counted from 0.
+int joint_at(const LoopForm& form, int place) {
+  const int joint = (place + form.shift) % 6;
+  return form.reversed ? 5 - joint : joint;
 }
 
-// Rz of the joint, then the step, for all joints.
+int remaining_joint(const LoopForm& form) { return joint_at(form, 2); }
+
+// The remaining joint must turn, and so must the dropped one: a slide there would move the line along itself.
+bool takes_slide(const LoopForm& form, int slide) { return joint_at(form, 2) != slide && joint_at(form, 5) != slide; }
+
+Motion motion_of_joint(const GeneralArm& arm, int i, double c, double s) {
+  return i == arm.slide ? slide_along_z(s) * turn_about_z(arm.slide_cosine, arm.slide_sine) : turn_about_z(c, s);
+}
+
+// The joint, then the step, for all joints.
 Motion product(const GeneralArm& arm, const double* c, const double* s) {
-  Motion T = turn_about_z(c[0], s[0]);
-  for (int i = 1; i < 6; ++i) T = T * motion_of(arm.steps[i - 1]) * turn_about_z(c[i], s[i]);
+  Motion T = motion_of_joint(arm, 0, c[0], s[0]);
+  for (int i = 1; i < 6; ++i) T = T * motion_of(arm.steps[i - 1]) * motion_of_joint(arm, i, c[i], s[i]);
   return T;
 }
 
@@ -187,18 +199,22 @@ Motion small_motion(const double* twist) {
   return out;
 }
 
+bool slides_along(const double* screw) { return screw[3] == 0 && screw[4] == 0 && screw[5] == 0; }
+
 // Smallest singular value of the Jacobian, by three steps of inverse iteration.
 double least_singular_value(const GeneralArm& arm, const double* c, const double* s) {
   double z[6][3], o[6][3], J[6][6];
-  Motion T = turn_about_z(c[0], s[0]);
+  Motion T = motion_of_joint(arm, 0, c[0], s[0]);
   for (int i = 0; i < 6; ++i) {
-    if (i > 0) T = T * motion_of(arm.steps[i - 1]) * turn_about_z(c[i], s[i]);
+    if (i > 0) T = T * motion_of(arm.steps[i - 1]) * motion_of_joint(arm, i, c[i], s[i]);
     for (int r = 0; r < 3; ++r) z[i][r] = T[4 * r + 2], o[i][r] = T[4 * r + 3];
   }
   for (int i = 0; i < 6; ++i) {
     double moment[3];
     cross_product(o[i], z[i], moment);
     for (int r = 0; r < 3; ++r) J[r][i] = moment[r], J[3 + r][i] = z[i][r];
+    if (i == arm.slide)
+      for (int r = 0; r < 3; ++r) J[r][i] = z[i][r], J[3 + r][i] = 0;
   }
   double A[6][6];  // J^T J
   for (int i = 0; i < 6; ++i)
@@ -305,11 +321,9 @@ struct General6R::Set {
 
 bool General6R::fits(const Chain& chain) {
   if (chain.coupled() || chain.axes() != 6) return false;
-  for (std::size_t i = 0; i < 6; ++i) {
-    const double* w = chain.screw(i) + 3;
-    if (w[0] == 0 && w[1] == 0 && w[2] == 0) return false;
-  }
-  return true;
+  int slides = 0;
+  for (std::size_t i = 0; i < 6; ++i) slides += slides_along(chain.screw(i));
+  return slides <= 1;
 }
 
 General6R::General6R(const Chain& chain) : chain_(chain) {
@@ -324,9 +338,15 @@ void General6R::set_frames() {
   Vec3 z[6], point[6];
   for (std::size_t i = 0; i < 6; ++i) {
     const double* screw = chain_.screw(i);
+    if (slides_along(screw)) {
+      arm_.slide = static_cast<int>(i);
+      z[i] = unit({screw[0], screw[1], screw[2]});
+      continue;
+    }
     z[i] = unit({screw[3], screw[4], screw[5]});
     point[i] = cross(z[i], {screw[0], screw[1], screw[2]});
   }
+  if (arm_.slide == 0) point[0] = point[1];  // any line will do
   JointFrame frames[6];
   // the point of axis b nearest to axis a, or to a point when they are nearly parallel
   const auto foot = [&](std::size_t a, std::size_t b, const Vec3& near) {
@@ -344,6 +364,7 @@ void General6R::set_frames() {
     const JointFrame& from = frames[i];
     JointFrame& to = frames[i + 1];
     to.z = z[i + 1];
+    if (arm_.slide == static_cast<int>(i) + 1) point[i + 1] = from.origin;
     to.origin = foot(i, i + 1, from.origin);
     const Vec3 normal = cross(from.z, to.z), step = to.origin - from.origin;
     const Vec3 aside = step - dot(step, from.z) * from.z;
@@ -361,7 +382,18 @@ void General6R::set_frames() {
     length += norm(step);
   }
   offset_[5] = 0;
+  double low = 0, high = 0;
+  if (arm_.slide >= 0) {
+    double& offset = offset_[arm_.slide];
+    arm_.slide_cosine = std::cos(offset), arm_.slide_sine = std::sin(offset), offset = 0;
+    if (std::abs(arm_.slide_sine) < no_angle) arm_.slide_sine = 0, arm_.slide_cosine = arm_.slide_cosine < 0 ? -1 : 1;
+    if (std::abs(arm_.slide_cosine) < no_angle) arm_.slide_cosine = 0, arm_.slide_sine = arm_.slide_sine < 0 ? -1 : 1;
+    low = chain_.lower(arm_.slide), high = chain_.upper(arm_.slide);
+    if (!std::isfinite(low) || !std::isfinite(high) || high <= low) high = length > 0 ? length : 1, low = -high;
+    length += 0.5 * (high - low);
+  }
   scale_ = length > 0 ? 0.4 * length : 1;
+  slide_low_ = low / scale_, slide_high_ = high / scale_;
   for (JointStep& step : arm_.steps) {
     step.x /= scale_, step.y /= scale_, step.z /= scale_;
     for (double* value : {&step.x, &step.y, &step.z})
@@ -397,6 +429,18 @@ void General6R::normalise_target(const double* target, double* G) const {
   for (int r = 0; r < 3; ++r) G[4 * r + 3] /= scale_;
 }
 
+template <class Numbers>
+void General6R::draw_joints(Numbers& numbers, double* c, double* s) const {
+  for (int i = 0; i < 6; ++i) {
+    if (i == arm_.slide) {
+      c[i] = 0, s[i] = numbers.between(slide_low_, slide_high_);
+      continue;
+    }
+    const double q = numbers.between(-pi, pi);
+    c[i] = std::cos(q), s[i] = std::sin(q);
+  }
+}
+
 void General6R::set_forms() {
   const Motion unit_motion{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   for (int f = 0; f < form_count; ++f) {
@@ -407,27 +451,44 @@ void General6R::set_forms() {
     Motion K[6];
     for (int j = 0; j < 6; ++j) {
       const int i = (j + form.shift) % 6;
-      K[j] = i == 5 ? unit_motion : form.reversed ? inverse(motion_of(arm_.steps[4 - i])) : motion_of(arm_.steps[i]);
+      if (i == 5) {
+        K[j] = unit_motion;
+        continue;
+      }
+      const int from = form.reversed ? 4 - i : i;
+      Motion step = motion_of(arm_.steps[from]);
+      if (from == arm_.slide) step = turn_about_z(arm_.slide_cosine, arm_.slide_sine) * step;
+      K[j] = form.reversed ? inverse(step) : step;
     }
+    for (int place = 0; place < 6 && arm_.slide >= 0; ++place)
+      if (joint_at(form, place) == arm_.slide) form.slide = place + 1;
+    if (form.slide == 3 || form.slide == 6) form.slide = 0;  // not to be used
     const auto put = [](const Motion& from, double* to) { std::copy_n(from.begin(), 12, to); };
     put(inverse(K[0]), form.K1_inverse), put(K[1], form.K2), put(inverse(K[5]), form.K6_inverse);
-    put(K[2] * turn_about_z(turn_4_cosine, turn_4_sine), form.K3);
-    put(K[3] * turn_about_z(turn_5_cosine, turn_5_sine), form.K4);
+    put(K[2] * (form.slide == 4 ? slide_along_z(turn_4) : turn_about_z(turn_4_cosine, turn_4_sine)), form.K3);
+    put(K[3] * (form.slide == 5 ? slide_along_z(turn_5) : turn_about_z(turn_5_cosine, turn_5_sine)), form.K4);
     put(K[4], form.K5);
 
-    // constant, cosine and sine parts by angle 5, then by angle 4
+    // constant, cosine and sine parts by angle 5, then by angle 4; of a slide constant, linear and quadratic ones
     double line[line_size], by5[3][line_size], parts[3][3][line_size];
     line_of_frame(form.K5, line);
-    turn_line(line, 1, by5[0], by5[1], by5[2]);
+    (form.slide == 5 ? slide_line : turn_line)(line, 1, by5[0], by5[1], by5[2]);
     for (int b = 0; b < 3; ++b) {
       double moved[line_size], by4[3][line_size];
       move_line(form.K4, by5[b], moved);
-      turn_line(moved, 1, by4[0], by4[1], by4[2]);
+      (form.slide == 4 ? slide_line : turn_line)(moved, 1, by4[0], by4[1], by4[2]);
       for (int a = 0; a < 3; ++a) move_line(form.K3, by4[a], parts[a][b]);
     }
     // half angles: 1 = s^2 + k^2, cos = k^2 - s^2, sin = 2 s k
-    constexpr double to_half_4[3][3] = {{1, -1, 0}, {0, 0, 2}, {1, 1, 0}};
-    constexpr double to_half_5[3][3] = {{1, -1, 0}, {0, 0, std::numbers::sqrt2}, {1, 1, 0}};
+    constexpr double half_4[3][3] = {{1, -1, 0}, {0, 0, 2}, {1, 1, 0}};
+    constexpr double half_5[3][3] = {{1, -1, 0}, {0, 0, std::numbers::sqrt2}, {1, 1, 0}};
+    // the displacement of a slide is s / k: 1 = k^2, d = s k, d^2 = s^2
+    constexpr double slid_4[3][3] = {{0, 0, 1}, {0, 1, 0}, {1, 0, 0}};
+    constexpr double slid_5[3][3] = {{0, 0, 1}, {0, 1 / std::numbers::sqrt2, 0}, {1, 0, 0}};
+    const auto& to_half_4 = form.slide == 4 ? slid_4 : half_4;
+    const auto& to_half_5 = form.slide == 5 ? slid_5 : half_5;
+    for (int a = 0; a < 3; ++a)
+      for (int b = 0; b < 3; ++b) form.one[3 * a + b] = to_half_4[a][0] * to_half_5[b][0];
     for (int k = 0; k < 14; ++k)
       for (int a = 0; a < 3; ++a)
         for (int b = 0; b < 3; ++b) {
@@ -448,15 +509,13 @@ void General6R::measure_support() {
   std::vector<Motion> targets(probes);
   for (int p = 0; p < probes; ++p) {
     double c[6], s[6];
-    for (int i = 0; i < 6; ++i) {
-      const double q = numbers.between(-pi, pi);
-      c[i] = std::cos(q), s[i] = std::sin(q);
-    }
+    draw_joints(numbers, c, s);
     targets[p] = product(arm_, c, s);
     if (p % 2)
       for (int r = 0; r < 3; ++r) targets[p][4 * r + 3] = numbers.between(-1.5, 1.5);
   }
   for (LoopForm& form : arm_.forms) {
+    if (!takes_slide(form, arm_.slide)) continue;
     std::vector<double> sizes[13];
     for (const Motion& G : targets) {
       double size[13];
@@ -507,19 +566,17 @@ void General6R::choose_forms() {
     bool dropped = false;
   };
   Trial trials[form_count];
+  for (int f = 0; f < form_count; ++f) trials[f].dropped = !takes_slide(arm_.forms[f], arm_.slide);
   Scratch scratch;
   Sequence numbers(2);
   std::size_t known = 0, seeds_found = 0;
   std::vector<std::size_t> counts;
   for (int p = 0; p < poses; ++p) {
     double c[6], s[6];
-    for (int i = 0; i < 6; ++i) {
-      const double q = numbers.between(-pi, pi);
-      c[i] = std::cos(q), s[i] = std::sin(q);
-    }
+    draw_joints(numbers, c, s);
     const Motion G = product(arm_, c, s);
     if (p == first_look)
-      for (Trial& trial : trials) trial.dropped = median(trial.tails) > worst_tail;
+      for (Trial& trial : trials) trial.dropped = trial.dropped || median(trial.tails) > worst_tail;
     Set all;
     std::vector<FormResult> results(form_count);
     for (int f = 0; f < form_count; ++f) {
@@ -626,11 +683,11 @@ void General6R::last_resort(const double* G, Scratch& scratch, Set& set) const {
   const int least_batches = order_.size() == 1 ? 2 : 0;
   for (int batch = 0; batch < least_batches || (batch < 4 && set.count == 0); ++batch) {
     scratch.form.count = most_starts;
-    for (std::size_t k = 0; k < most_starts; ++k)
-      for (int i = 0; i < 6; ++i) {
-        const double q = numbers.between(-pi, pi);
-        scratch.form.cosine[i][k] = std::cos(q), scratch.form.sine[i][k] = std::sin(q);
-      }
+    for (std::size_t k = 0; k < most_starts; ++k) {
+      double c[6], s[6];
+      draw_joints(numbers, c, s);
+      for (int i = 0; i < 6; ++i) scratch.form.cosine[i][k] = c[i], scratch.form.sine[i][k] = s[i];
+    }
     kernels().general->refine(arm_, G, damped_steps, newton_steps, scratch.form);
     set.add_all(scratch.form, same_after_resort);
   }
@@ -682,6 +739,10 @@ void General6R::write(const double* target, const Set& set, const GeneralResults
   std::array<double, 6> rows[most_solutions];
   for (std::size_t j = 0; j < count; ++j)
     for (int i = 0; i < 6; ++i) {
+      if (i == arm_.slide) {
+        rows[j][i] = set.s[j][i] * scale_;
+        continue;
+      }
       double angle = angles[6 * j + i] - offset_[i];
       if (angle > pi) angle -= 2 * pi;
       if (angle <= -pi) angle += 2 * pi;

@@ -1,4 +1,5 @@
-// All inverse-kinematics solutions of any arm with six revolute joints, from one trigonometric polynomial of degree 8.
+// All inverse-kinematics solutions of any arm with six revolute joints, or five and a prismatic one, from one trigonometric
+// polynomial of degree 8.
 // The mathematics is in docs/derivations/general_6r.md.
 #pragma once
 
@@ -10,7 +11,7 @@
 
 namespace pieper {
 
-// No arm with six revolute joints has more isolated solutions (Primrose 1986).
+// No arm with six revolute joints has more isolated solutions (Primrose 1986), and none with a slide among them.
 inline constexpr std::size_t most_solutions = 16;
 
 // Candidates that one form may follow up.
@@ -41,15 +42,18 @@ struct JointStep {
   double x, y, z, cos_twist, sin_twist;
 };
 
-// One of six ways to write the loop Rz1 K1 Rz2 K2 ... Rz6 K6 = 1: which joint remains when the others are eliminated.
+// One of six ways to write the loop Rz1 K1 Rz2 K2 ... Rz6 K6 = 1: which joint remains when the others are eliminated. A
+// prismatic joint has Tz(d) in place of Rz(t).
 struct LoopForm {
   int shift;      // new joint i is joint (i + shift) mod 6 of the loop
   bool reversed;  // the loop walked from the tip to the base
   int target_in;  // which of K1, K2, K6 holds the target
+  int slide = 0;  // which joint of the loop is prismatic: 1, 2, 4 or 5; 0 for none
   // 3x4, row-major; those that hold the target are filled in for each pose.
   double K1_inverse[12], K2[12], K6_inverse[12];
   double K3[12], K4[12], K5[12];  // K3 and K4 with the generic turns of the angles 4 and 5
   double left[14][9];             // the numbers of the left line on (s4^2, s4 k4, k4^2) x (s5^2, sqrt2 s5 k5, k5^2)
+  double one[9];                  // 1 on them
   int harmonics = 8;              // of the determinant, in tau
   bool even = false;              // only even harmonics: tau = 2 t, else tau = t
   int samples = 24;
@@ -60,6 +64,10 @@ inline constexpr int form_count = 6;
 // What the kernels need of an arm; plain data.
 struct GeneralArm {
   JointStep steps[5];
+  // The prismatic joint, -1 for none: Tz(d), then the constant turn about z that the angle of a revolute joint would hold.
+  // Wherever joints are given by cosines and sines, those of a prismatic one are 0 and d.
+  int slide = -1;
+  double slide_cosine = 1, slide_sine = 0;
   LoopForm forms[form_count];
 };
 
@@ -76,7 +84,7 @@ struct TrigonometricTables {
   alignas(64) double local_fit[16][16];  // [sample][0..11 monomials, 12..15 Chebyshev tail]
 };
 
-// Solutions of one form: cosines and sines of the joint angles in the frames of GeneralArm.
+// Solutions of one form: cosines and sines of the joint angles in the frames of GeneralArm (0 and d of a prismatic joint).
 struct FormResult {
   alignas(64) double cosine[6][most_starts];
   alignas(64) double sine[6][most_starts];
@@ -132,7 +140,7 @@ struct FormReport {
 
 class General6R {
  public:
-  // The chain must have six revolute joints without couplings, and must outlive this object.
+  // The chain must have six revolute joints, or five and a prismatic one, without couplings, and must outlive this object.
   explicit General6R(const Chain&);
   General6R(const General6R&) = delete;
   General6R& operator=(const General6R&) = delete;
@@ -153,6 +161,8 @@ class General6R {
   void measure_support();
   void choose_forms();
   void normalise_target(const double* target, double* G) const;
+  template <class Numbers>
+  void draw_joints(Numbers&, double* c, double* s) const;
   // Adds what a form finds; true when that can be trusted to be all.
   bool run_form(int form, const double* G, Scratch&, Set&, unsigned& flags) const;
   void solve_one(const double* target, GeneralMode, int only_form, Scratch&, const GeneralResults&,
@@ -164,7 +174,8 @@ class General6R {
   GeneralArm arm_;
   double scale_ = 1;
   double base_inverse_[12], tip_inverse_[12];  // G = base_inverse T tip_inverse, before scaling
-  double offset_[6];                           // joint angle in the frames of arm_ = q + offset
+  double offset_[6];                           // joint angle in the frames of arm_ = q + offset; 0 for a slide
+  double slide_low_ = 0, slide_high_ = 0;      // where poses are tried, in scaled lengths
   std::vector<int> order_;                     // forms in the order of their use
   // False when the forms together do not find the joints that made a pose: arms whose solutions form curves everywhere.
   bool dependable_ = true;

@@ -130,7 +130,7 @@ _prepared: WeakKeyDictionary[Chain, General6R] = WeakKeyDictionary()
 
 def fits(chain: Chain) -> bool:
     """True when the general solver takes this arm."""
-    return not chain.is_coupled and len(chain.screws) == 6 and bool(chain.is_revolute.all())
+    return not chain.is_coupled and len(chain.screws) == 6 and int(chain.is_revolute.sum()) >= 5
 
 
 def prepare(chain: Chain) -> General6R:
@@ -153,8 +153,9 @@ def prepare(chain: Chain) -> General6R:
     if not fits(chain):
         turning = int(chain.is_revolute.sum())
         raise ArrayError(
-            f"the general solver takes six revolute joints without mimic joints; {chain.name!r} has {len(chain.screws)} "
-            f"axes, {turning} of them revolute{', and mimic joints' if chain.is_coupled else ''}: use the numeric solver"
+            f"the general solver takes six joints, all revolute or one of them prismatic, without mimic joints; "
+            f"{chain.name!r} has {len(chain.screws)} axes, {turning} of them revolute"
+            f"{', and mimic joints' if chain.is_coupled else ''}: use the numeric solver"
         )
     made = General6R(kernels.NativeGeneral6R(chain.native))
     return _prepared.setdefault(chain, made)

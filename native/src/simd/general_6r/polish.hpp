@@ -11,7 +11,8 @@ constexpr double polished = 4e-15;    // residual [rad, lengths of the scaled ar
 constexpr double acceptable = 1e-10;  // at which it counts as a solution
 constexpr double longest_step = 0.3;  // rad
 
-// Residual of the loop at the joints: position and rotation (first order), and by `J` its columns z x (p - o), z.
+// Residual of the loop at the joints: position and rotation (first order), and by `J` its columns z x (p - o), z; those of a
+// slide are z, 0.
 struct Loop {
   Vec e[6], residual;
   Vec J[6][7];
@@ -24,9 +25,14 @@ PIEPER_INLINE void evaluate(const GeneralArm& arm, const double* G, const Joints
   Vec origin[6][3];
   for (int i = 0; i < 6; ++i) {
     for (int r = 0; r < 3; ++r) origin[i][r] = O[r], loop.J[3 + r][i] = Z[r];
+    Vec c = q.c[i], s = q.s[i];
+    if (i == arm.slide) {
+      for (int r = 0; r < 3; ++r) O[r] += s * Z[r];
+      c = splat(arm.slide_cosine), s = splat(arm.slide_sine);
+    }
     for (int r = 0; r < 3; ++r) {
-      const Vec x = q.c[i] * X[r] + q.s[i] * Y[r];
-      Y[r] = q.c[i] * Y[r] - q.s[i] * X[r], X[r] = x;
+      const Vec x = c * X[r] + s * Y[r];
+      Y[r] = c * Y[r] - s * X[r], X[r] = x;
     }
     if (i == 5) break;
     const pieper::JointStep& step = arm.steps[i];
@@ -42,6 +48,8 @@ PIEPER_INLINE void evaluate(const GeneralArm& arm, const double* G, const Joints
     const Vec z[3] = {loop.J[3][i], loop.J[4][i], loop.J[5][i]};
     loop.J[0][i] = z[1] * d[2] - z[2] * d[1], loop.J[1][i] = z[2] * d[0] - z[0] * d[2];
     loop.J[2][i] = z[0] * d[1] - z[1] * d[0];
+    if (i == arm.slide)
+      for (int r = 0; r < 3; ++r) loop.J[r][i] = z[r], loop.J[3 + r][i] = splat(0.0);
   }
   Vec turn[3] = {splat(0.0), splat(0.0), splat(0.0)}, trace = splat(0.0);
   const Vec* axes[3] = {X, Y, Z};
@@ -62,9 +70,13 @@ PIEPER_INLINE void evaluate(const GeneralArm& arm, const double* G, const Joints
   loop.residual = select(loop.residual < 1e300, loop.residual, splat(1e300));  // not a number becomes large
 }
 
-// Turns the joints by small angles (at most longest_step).
-PIEPER_INLINE void turn_joints(Joints& q, const Vec* step) {
+// Moves the joints by small steps (at most longest_step).
+PIEPER_INLINE void move_joints(int slide, Joints& q, const Vec* step) {
   for (int i = 0; i < 6; ++i) {
+    if (i == slide) {
+      q.s[i] += step[i];
+      continue;
+    }
     const Vec d = step[i], z = d * d;
     const Vec s = d * (1.0 + z * (-1.0 / 6 + z * (1.0 / 120 + z * (-1.0 / 5040 + z * (1.0 / 362880)))));
     const Vec c = 1.0 + z * (-0.5 + z * (1.0 / 24 + z * (-1.0 / 720 + z * (1.0 / 40320))));
@@ -152,7 +164,7 @@ PIEPER_NOINLINE std::size_t newton(const GeneralArm& arm, const double* G, IntVe
     before = loop.residual;
     Vec step[6];
     newton_step(loop, step);
-    turn_joints(q, step);
+    move_joints(arm.slide, q, step);
   }
   q = best;
   return steps;
@@ -170,7 +182,7 @@ PIEPER_NOINLINE std::size_t damped(const GeneralArm& arm, const double* G, IntVe
     Vec step[6];
     damped_step(loop, damping, step);
     Joints tried = q;
-    turn_joints(tried, step);
+    move_joints(arm.slide, tried, step);
     Loop there;
     evaluate(arm, G, tried, there);
     const IntVec better = there.residual < residual;
