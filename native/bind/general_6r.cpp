@@ -82,7 +82,7 @@ void bind_general_6r(nb::module_& module) {
             return nb::make_tuple(q.array(), position.array(), rotation.array(), valid.array(), flags.array());
           },
           nb::arg("form"), nb::arg("targets"), nb::sig(one_form_signature.c_str()),
-          "As solve(), by one of the six forms alone; to measure them.")
+          "As solve(), by one of the twelve forms alone; to measure them.")
       .def_prop_ro("reports", &General6R::reports, "What was measured about each form.");
 }
 

@@ -1,4 +1,4 @@
-// The general solver around its kernels: frames and constants of an arm, the choice among its six forms by measurement,
+// The general solver around its kernels: frames and constants of an arm, the choice among its twelve forms by measurement,
 // and what to do when a form says that something went wrong.
 #include "pieper/general_6r.hpp"
 
@@ -12,7 +12,7 @@
 #include <thread>
 
 #include "pieper/kernels.hpp"
-#include "simd/general_6r/line_numbers.hpp"
+#include "simd/general_6r/left_line.hpp"
 
 namespace pieper {
 namespace {
@@ -22,6 +22,8 @@ constexpr double pi = std::numbers::pi;
 // Below this sine of the angle between two axes the foot of their common normal may lie far away.
 constexpr double clearly_skew = 0.1;
 constexpr double no_angle = 5e-15;
+constexpr double least_scale = 1e-4;            // [m] that stand for 1 in the equations
+constexpr double least_scale_of_extent = 1e-5;  // the same, of the largest coordinate
 
 using Vec3 = std::array<double, 3>;
 Vec3 operator+(const Vec3& a, const Vec3& b) { return {a[0] + b[0], a[1] + b[1], a[2] + b[2]}; }
@@ -159,8 +161,10 @@ const TrigonometricTables& tables() {
   return made;
 }
 
-// Shift and direction of the six forms, in the order of LoopForm's users: q3 q1 q2 and, backwards, q4 q6 q5.
-constexpr int form_shifts[form_count] = {0, 4, 5, 0, 4, 5};
+// Shift and direction of the forms, with the target on the right: q3 q1 q2 and, backwards, q4 q6 q5; on the left: q4 q5 q6
+// and, backwards, q3 q2 q1.
+constexpr int target_left_from = 6;
+constexpr int form_shifts[form_count] = {0, 4, 5, 0, 4, 5, 1, 2, 3, 1, 2, 3};
 
 // Which joint of the arm is joint `place` of the loop, both counted from 0.
 int joint_at(const LoopForm& form, int place) {
@@ -392,7 +396,11 @@ void General6R::set_frames() {
     if (!std::isfinite(low) || !std::isfinite(high) || high <= low) high = length > 0 ? length : 1, low = -high;
     length += 0.5 * (high - low);
   }
-  scale_ = length > 0 ? 0.4 * length : 1;
+  // no less than what rounding of the coordinates leaves certain: arms whose axes all but meet in one point
+  double extent = 0;
+  for (const JointFrame& frame : frames) extent = std::max(extent, norm(frame.origin));
+  for (int r = 0; r < 3; ++r) extent = std::max(extent, std::abs(chain_.home()[4 * r + 3]));
+  scale_ = length > 0 ? std::max({0.4 * length, least_scale, least_scale_of_extent * extent}) : 1;
   slide_low_ = low / scale_, slide_high_ = high / scale_;
   for (JointStep& step : arm_.steps) {
     step.x /= scale_, step.y /= scale_, step.z /= scale_;
@@ -446,8 +454,8 @@ void General6R::set_forms() {
   for (int f = 0; f < form_count; ++f) {
     LoopForm& form = arm_.forms[f];
     form = {};
-    form.shift = form_shifts[f], form.reversed = f >= 3;
-    form.target_in = form.shift == 0 ? 6 : form.shift == 4 ? 2 : 1;
+    form.shift = form_shifts[f], form.reversed = f / 3 % 2;
+    form.target_in = 6 - form.shift;
     Motion K[6];
     for (int j = 0; j < 6; ++j) {
       const int i = (j + form.shift) % 6;
@@ -465,38 +473,9 @@ void General6R::set_forms() {
     if (form.slide == 3 || form.slide == 6) form.slide = 0;  // not to be used
     const auto put = [](const Motion& from, double* to) { std::copy_n(from.begin(), 12, to); };
     put(inverse(K[0]), form.K1_inverse), put(K[1], form.K2), put(inverse(K[5]), form.K6_inverse);
-    put(K[2] * (form.slide == 4 ? slide_along_z(turn_4) : turn_about_z(turn_4_cosine, turn_4_sine)), form.K3);
-    put(K[3] * (form.slide == 5 ? slide_along_z(turn_5) : turn_about_z(turn_5_cosine, turn_5_sine)), form.K4);
+    set_K3(form, K[2].data()), set_K4(form, K[3].data());
     put(K[4], form.K5);
-
-    // constant, cosine and sine parts by angle 5, then by angle 4; of a slide constant, linear and quadratic ones
-    double line[line_size], by5[3][line_size], parts[3][3][line_size];
-    line_of_frame(form.K5, line);
-    (form.slide == 5 ? slide_line : turn_line)(line, 1, by5[0], by5[1], by5[2]);
-    for (int b = 0; b < 3; ++b) {
-      double moved[line_size], by4[3][line_size];
-      move_line(form.K4, by5[b], moved);
-      (form.slide == 4 ? slide_line : turn_line)(moved, 1, by4[0], by4[1], by4[2]);
-      for (int a = 0; a < 3; ++a) move_line(form.K3, by4[a], parts[a][b]);
-    }
-    // half angles: 1 = s^2 + k^2, cos = k^2 - s^2, sin = 2 s k
-    constexpr double half_4[3][3] = {{1, -1, 0}, {0, 0, 2}, {1, 1, 0}};
-    constexpr double half_5[3][3] = {{1, -1, 0}, {0, 0, std::numbers::sqrt2}, {1, 1, 0}};
-    // the displacement of a slide is s / k: 1 = k^2, d = s k, d^2 = s^2
-    constexpr double slid_4[3][3] = {{0, 0, 1}, {0, 1, 0}, {1, 0, 0}};
-    constexpr double slid_5[3][3] = {{0, 0, 1}, {0, 1 / std::numbers::sqrt2, 0}, {1, 0, 0}};
-    const auto& to_half_4 = form.slide == 4 ? slid_4 : half_4;
-    const auto& to_half_5 = form.slide == 5 ? slid_5 : half_5;
-    for (int a = 0; a < 3; ++a)
-      for (int b = 0; b < 3; ++b) form.one[3 * a + b] = to_half_4[a][0] * to_half_5[b][0];
-    for (int k = 0; k < 14; ++k)
-      for (int a = 0; a < 3; ++a)
-        for (int b = 0; b < 3; ++b) {
-          double sum = 0;
-          for (int i = 0; i < 3; ++i)
-            for (int j = 0; j < 3; ++j) sum += to_half_4[a][i] * to_half_5[b][j] * parts[i][j][k];
-          form.left[k][3 * a + b] = sum;
-        }
+    expand_left_line(form);
   }
 }
 
@@ -553,7 +532,7 @@ bool General6R::run_form(int form, const double* G, Scratch& scratch, Set& set, 
   return own.count == before;
 }
 
-// Tries all forms on random poses. The union of what they find is the reference; the best single form comes first, then
+// Tries the forms on random poses. The union of what they find is the reference; the best single form comes first, then
 // those that add most to it.
 void General6R::choose_forms() {
   constexpr int poses = 200, first_look = 24;
@@ -575,8 +554,17 @@ void General6R::choose_forms() {
     double c[6], s[6];
     draw_joints(numbers, c, s);
     const Motion G = product(arm_, c, s);
-    if (p == first_look)
-      for (Trial& trial : trials) trial.dropped = trial.dropped || median(trial.tails) > worst_tail;
+    if (p == first_look) {
+      int clean = 0;
+      for (int f = 0; f < form_count; ++f) {
+        Trial& trial = trials[f];
+        trial.dropped = trial.dropped || median(trial.tails) > worst_tail;
+        const bool doubtful = trial.flagged >= always_doubtful * first_look;
+        // those with the target on the left take longer: only where three of the others will not do
+        if (f >= target_left_from && (clean >= 3 || (clean >= 1 && doubtful))) trial.dropped = true;
+        clean += !trial.dropped && !doubtful;
+      }
+    }
     Set all;
     std::vector<FormResult> results(form_count);
     for (int f = 0; f < form_count; ++f) {

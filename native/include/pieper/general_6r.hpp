@@ -42,12 +42,12 @@ struct JointStep {
   double x, y, z, cos_twist, sin_twist;
 };
 
-// One of six ways to write the loop Rz1 K1 Rz2 K2 ... Rz6 K6 = 1: which joint remains when the others are eliminated. A
+// One of twelve ways to write the loop Rz1 K1 Rz2 K2 ... Rz6 K6 = 1: which joint remains when the others are eliminated. A
 // prismatic joint has Tz(d) in place of Rz(t).
 struct LoopForm {
   int shift;      // new joint i is joint (i + shift) mod 6 of the loop
   bool reversed;  // the loop walked from the tip to the base
-  int target_in;  // which of K1, K2, K6 holds the target
+  int target_in;  // which of K1 ... K6 holds the target
   int slide = 0;  // which joint of the loop is prismatic: 1, 2, 4 or 5; 0 for none
   // 3x4, row-major; those that hold the target are filled in for each pose.
   double K1_inverse[12], K2[12], K6_inverse[12];
@@ -59,7 +59,7 @@ struct LoopForm {
   int samples = 24;
 };
 
-inline constexpr int form_count = 6;
+inline constexpr int form_count = 12;
 
 // What the kernels need of an arm; plain data.
 struct GeneralArm {
@@ -148,7 +148,7 @@ class General6R {
   static bool fits(const Chain&);
 
   void solve(const double* targets, std::size_t count, GeneralMode, std::size_t threads, const GeneralResults&) const;
-  // For measurements: one form alone (0 ... 5), without merging with others.
+  // For measurements: one form alone (0 ... 11), without merging with others.
   void solve_one_form(int form, const double* targets, std::size_t count, const GeneralResults&) const;
 
   const std::vector<FormReport>& reports() const { return reports_; }

@@ -55,8 +55,20 @@ int solutions_near(const FormResult& result, int i, double angle) {
   return count;
 }
 
-void solve_form(const TrigonometricTables& tables, const GeneralArm& arm, const LoopForm& form, const double* G,
+// The form with the target in it, where it is on the left: `room` holds that.
+const LoopForm& with_target(const LoopForm& form, const double* G, LoopForm& room) {
+  if (form.target_in < 3 || form.target_in > 5) return form;
+  room = form;
+  double G_inverse[12];
+  invert_motion(G, G_inverse);
+  put_target_left(room, form.reversed ? G : G_inverse);
+  return room;
+}
+
+void solve_form(const TrigonometricTables& tables, const GeneralArm& arm, const LoopForm& given, const double* G,
                 FormResult& result) {
+  LoopForm room;
+  const LoopForm& form = with_target(given, G, room);
   Equations equations;
   eliminate_outer_joints(form, G, equations);
   RootFinder roots(tables, form, equations);
@@ -141,7 +153,9 @@ void angles(const double* cosine, const double* sine, std::size_t count, double*
 }
 
 // |c_k| of the determinant of one form at one target, divided by the largest sample; `most` harmonics in t, from 24 samples.
-bool spectrum(const TrigonometricTables& tables, const LoopForm& form, const double* G, double* size) {
+bool spectrum(const TrigonometricTables& tables, const LoopForm& given, const double* G, double* size) {
+  LoopForm room;
+  const LoopForm& form = with_target(given, G, room);
   Equations equations;
   eliminate_outer_joints(form, G, equations);
   double f[24], largest = 0;

@@ -12,11 +12,9 @@
 
 #include "pieper/general_6r.hpp"
 #include "simd/general_6r/lane_math.hpp"
-#include "simd/general_6r/line_numbers.hpp"
+#include "simd/general_6r/left_line.hpp"
 
 namespace {
-
-using pieper::LoopForm;
 
 // The equations of one target and what is kept for the way back.
 struct Equations {
