@@ -647,7 +647,10 @@ void General6R::choose_forms() {
 // For targets at which every form degenerates: targets nearby, and their solutions continued to the true one.
 void General6R::last_resort(const double* G, Scratch& scratch, Set& set) const {
   constexpr double sizes[] = {1e-3, 1e-2, 3e-3, 3e-2, 1e-4, 1e-2, 1e-3, 5e-2};
-  constexpr int damped_steps = 60, newton_steps = 12, most_idle = 2;
+  constexpr int most_idle = 2, most_batches = 6, patient_from = 4;
+  constexpr double last_tolerance = 8e-10;  // m and rad: within what answers promise
+  const Refinement quick{60, 12, acceptable_residual, false};
+  const Refinement patient{300, 4, last_tolerance / std::max(scale_, 1.0), true};
   Sequence numbers(3);
   Motion target;
   std::copy_n(G, 12, target.begin());
@@ -661,7 +664,7 @@ void General6R::last_resort(const double* G, Scratch& scratch, Set& set) const {
       if (form != order_[0] && set.count > 0 && reports_[form].flagged >= always_doubtful) continue;
       kernels().general->solve_form(tables(), arm_, arm_.forms[form], displaced.data(), scratch.form);
       const unsigned flags = scratch.form.flags;
-      kernels().general->refine(arm_, G, damped_steps, newton_steps, scratch.form);
+      kernels().general->refine(arm_, G, quick, scratch.form);
       added += set.add_all(scratch.form, same_after_resort);
       if (!(flags & flag_hard)) break;
     }
@@ -669,14 +672,15 @@ void General6R::last_resort(const double* G, Scratch& scratch, Set& set) const {
   }
   // where nothing was found, and where there is no second form to confirm what was
   const int least_batches = order_.size() == 1 ? 2 : 0;
-  for (int batch = 0; batch < least_batches || (batch < 4 && set.count == 0); ++batch) {
+  for (int batch = 0; batch < least_batches || (batch < most_batches && set.count == 0); ++batch) {
     scratch.form.count = most_starts;
     for (std::size_t k = 0; k < most_starts; ++k) {
       double c[6], s[6];
       draw_joints(numbers, c, s);
       for (int i = 0; i < 6; ++i) scratch.form.cosine[i][k] = c[i], scratch.form.sine[i][k] = s[i];
     }
-    kernels().general->refine(arm_, G, damped_steps, newton_steps, scratch.form);
+    // long valleys: axes that are nearly parallel or coincident
+    kernels().general->refine(arm_, G, batch < patient_from ? quick : patient, scratch.form);
     set.add_all(scratch.form, same_after_resort);
   }
 }

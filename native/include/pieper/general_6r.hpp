@@ -14,6 +14,9 @@ namespace pieper {
 // No arm with six revolute joints has more isolated solutions (Primrose 1986), and none with a slide among them.
 inline constexpr std::size_t most_solutions = 16;
 
+// Residual of the loop [rad, lengths of the scaled arm] at which joints count as a solution.
+inline constexpr double acceptable_residual = 1e-10;
+
 // Candidates that one form may follow up.
 inline constexpr std::size_t most_starts = 64;
 
@@ -96,12 +99,19 @@ struct FormResult {
   std::size_t work = 0;  // counted steps, in units of about a tenth of a microsecond: the same on every machine
 };
 
+// How joints are iterated towards a target.
+struct Refinement {
+  int damped_steps, newton_steps;
+  double residual;  // that counts as arrived
+  bool wandering;   // damped by the residual alone, and every step is taken
+};
+
 // The parts that exist once per instruction set; Kernels points to them.
 struct GeneralKernels {
   // One form for one target (3x4).
   void (*solve_form)(const TrigonometricTables&, const GeneralArm&, const LoopForm&, const double* G, FormResult&);
-  // Iterates the joints in FormResult towards the target and keeps those that arrive.
-  void (*refine)(const GeneralArm&, const double* G, int damped_steps, int newton_steps, FormResult&);
+  // Iterates the joints in FormResult towards the target and keeps those that arrive within a residual.
+  void (*refine)(const GeneralArm&, const double* G, const Refinement&, FormResult&);
   // Angles in [-pi, pi] of unit pairs; reads and writes up to seven numbers beyond `count`.
   void (*angles)(const double* cosine, const double* sine, std::size_t count, double* out);
   // Sizes of the 13 harmonics of the determinant; false when it vanishes.

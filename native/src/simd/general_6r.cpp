@@ -23,10 +23,10 @@ void store_joints(const Joints& q, Vec residual, FormResult& result, std::size_t
 }
 
 // Keeps the converged ones of `count` joints in place.
-void compact(FormResult& result, std::size_t count) {
+void compact(FormResult& result, std::size_t count, double residual) {
   result.count = 0;
   for (std::size_t k = 0; k < count; ++k) {
-    if (!(result.residual[k] < acceptable)) continue;
+    if (!(result.residual[k] < residual)) continue;
     for (int i = 0; i < 6; ++i)
       result.cosine[i][result.count] = result.cosine[i][k], result.sine[i][result.count] = result.sine[i][k];
     result.residual[result.count++] = result.residual[k];
@@ -110,7 +110,7 @@ void solve_form(const TrigonometricTables& tables, const GeneralArm& arm, const 
     if (!found[shared.same_as[i]]) result.flags |= pieper::flag_lost;
     result.simple_roots += shared.same_as[i] == i;
   }
-  compact(result, starts.count);
+  compact(result, starts.count, acceptable);
   const int remaining = form.reversed ? 5 - (2 + form.shift) % 6 : (2 + form.shift) % 6;
   for (std::size_t i = 0; i < roots.count; ++i)
     if (shared.third[i] &&
@@ -120,7 +120,7 @@ void solve_form(const TrigonometricTables& tables, const GeneralArm& arm, const 
 }
 
 // Damped steps and then Newton's, on the joints that `result` holds.
-void refine(const GeneralArm& arm, const double* G, int some_damped, int some_newton, FormResult& result) {
+void refine(const GeneralArm& arm, const double* G, const pieper::Refinement& how, FormResult& result) {
   for (std::size_t first = 0; first < result.count; first += lanes) {
     const std::size_t some = result.count - first < lanes ? result.count - first : lanes;
     const IntVec valid = first_lanes(some);
@@ -128,11 +128,14 @@ void refine(const GeneralArm& arm, const double* G, int some_damped, int some_ne
     load_joints(result, first, q);
     for (int i = 0; i < 6; ++i) q.c[i] = select(valid, q.c[i], splat(1.0)), q.s[i] = select(valid, q.s[i], splat(0.0));
     Vec residual;
-    damped(arm, G, valid, q, residual, some_damped);
-    newton(arm, G, valid, q, residual, some_newton);
+    if (how.wandering)
+      wander(arm, G, valid, q, residual, how.damped_steps);
+    else
+      damped(arm, G, valid, q, residual, how.damped_steps);
+    newton(arm, G, valid, q, residual, how.newton_steps);
     store_joints(q, residual, result, first);
   }
-  compact(result, result.count);
+  compact(result, result.count, how.residual);
 }
 
 // A rough arc tangent (Hastings, Approximations for Digital Computers, 1955, sheet 11), set right by its own sine and cosine.

@@ -8,7 +8,7 @@ namespace {
 using pieper::GeneralArm;
 
 constexpr double polished = 4e-15;    // residual [rad, lengths of the scaled arm] at which a lane is done
-constexpr double acceptable = 1e-10;  // at which it counts as a solution
+constexpr double acceptable = pieper::acceptable_residual;
 constexpr double longest_step = 0.3;  // rad
 
 // Residual of the loop at the joints: position and rotation (first order), and by `J` its columns z x (p - o), z; those of a
@@ -139,6 +139,23 @@ PIEPER_INLINE void damped_step(const Loop& loop, Vec damping, Vec* step) {
   limit_step(step);
 }
 
+// The same by reflections of J above the root of the damping: its condition is not squared.
+PIEPER_INLINE void careful_step(const Loop& loop, Vec damping, Vec* step) {
+  Vec A[12][7], diagonal[6];
+  const Vec root = square_root(damping);
+  for (int i = 0; i < 6; ++i) {
+    for (int r = 0; r < 6; ++r) A[r][i] = loop.J[r][i], A[6 + r][i] = r == i ? root : splat(0.0);
+    A[i][6] = loop.e[i], A[6 + i][6] = splat(0.0);
+  }
+  for (int j = 0; j < 6; ++j) diagonal[j] = reflect<12, 7, true>(A, j, j, j + 1, 7);
+  for (int i = 5; i >= 0; --i) {
+    Vec x = A[i][6];
+    for (int j = i + 1; j < 6; ++j) x -= A[i][j] * step[j];
+    step[i] = x / diagonal[i];
+  }
+  limit_step(step);
+}
+
 PIEPER_INLINE void keep_better(const Joints& from, Vec residual, Joints& best, Vec& best_residual) {
   const IntVec better = residual < best_residual;
   for (int i = 0; i < 6; ++i) {
@@ -194,6 +211,25 @@ PIEPER_NOINLINE std::size_t damped(const GeneralArm& arm, const double* G, IntVe
     }
   }
   return steps;
+}
+
+// The same with Chan and Lawrence's damping by the residual, which takes every step: through long valleys, where a step that
+// is an improvement is a short one.
+PIEPER_NOINLINE void wander(const GeneralArm& arm, const double* G, IntVec valid, Joints& q, Vec& residual,
+                            int most_steps) {
+  Joints best = q;
+  residual = splat(1e301);
+  for (int steps = 0;; ++steps) {
+    Loop loop;
+    evaluate(arm, G, q, loop);
+    keep_better(q, loop.residual, best, residual);
+    if (steps == most_steps || !any(valid & (residual > acceptable))) break;
+    Vec step[6];
+    const Vec size = smaller(loop.residual, splat(1.0));
+    careful_step(loop, larger(0.5 * size * size, splat(1e-26)), step);
+    move_joints(arm.slide, q, step);
+  }
+  q = best;
 }
 
 }  // namespace
