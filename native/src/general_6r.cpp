@@ -205,8 +205,8 @@ Motion small_motion(const double* twist) {
 
 bool slides_along(const double* screw) { return screw[3] == 0 && screw[4] == 0 && screw[5] == 0; }
 
-// Smallest singular value of the Jacobian, by three steps of inverse iteration.
-double least_singular_value(const GeneralArm& arm, const double* c, const double* s) {
+// Smallest singular value of the Jacobian and its direction in the joints, by three steps of inverse iteration.
+double least_singular_value(const GeneralArm& arm, const double* c, const double* s, double* direction) {
   double z[6][3], o[6][3], J[6][6];
   Motion T = motion_of_joint(arm, 0, c[0], s[0]);
   for (int i = 0; i < 6; ++i) {
@@ -249,6 +249,7 @@ double least_singular_value(const GeneralArm& arm, const double* c, const double
     growth = std::sqrt(growth);
     for (double& v : x) v /= growth;
   }
+  std::copy_n(x, 6, direction);
   return 1 / std::sqrt(growth);
 }
 
@@ -260,7 +261,7 @@ constexpr double always_twice = 0.5;        // share of requests and twins that 
 constexpr double same_after_resort = 1e-5;  // rad, for solutions that were continued to a singular target
 
 struct General6R::Scratch {
-  FormResult form;
+  FormResult form, partners;
 };
 
 // Distinct solutions of one target.
@@ -306,7 +307,8 @@ struct General6R::Set {
   void keep_most_regular(const GeneralArm& arm) {
     if (count <= most_solutions) return;
     std::vector<std::pair<double, std::size_t>> ranked(count);
-    for (std::size_t k = 0; k < count; ++k) ranked[k] = {-least_singular_value(arm, c[k], s[k]), k};
+    double direction[6];
+    for (std::size_t k = 0; k < count; ++k) ranked[k] = {-least_singular_value(arm, c[k], s[k], direction), k};
     std::sort(ranked.begin(), ranked.end());
     Set kept;
     for (std::size_t k = 0; k < most_solutions; ++k) {
@@ -517,11 +519,37 @@ void General6R::measure_support() {
   }
 }
 
+void General6R::add_fold_partners(const double* G, Scratch& scratch, Set& set) const {
+  constexpr double nearly_singular = 1e-4, on_a_curve = 3e-9;  // least singular value of the Jacobian
+  constexpr double distances[] = {1e-3, -1e-3, 2e-2, -2e-2};
+  constexpr Refinement to_a_double_root{0, 24, acceptable_residual, false};
+  FormResult& starts = scratch.partners;
+  starts.count = 0;
+  for (std::size_t k = 0; k < set.count && starts.count + 4 <= most_starts; ++k) {
+    double direction[6];
+    const double least = least_singular_value(arm_, set.c[k], set.s[k], direction);
+    if (least > nearly_singular || least < on_a_curve) continue;
+    for (double distance : distances) {
+      const std::size_t at = starts.count++;
+      for (int i = 0; i < 6; ++i) {
+        const double d = distance * direction[i];
+        const bool slides = i == arm_.slide;
+        starts.cosine[i][at] = slides ? 0 : set.c[k][i] * std::cos(d) - set.s[k][i] * std::sin(d);
+        starts.sine[i][at] = slides ? set.s[k][i] + d : set.s[k][i] * std::cos(d) + set.c[k][i] * std::sin(d);
+      }
+    }
+  }
+  if (starts.count == 0) return;
+  kernels().general->refine(arm_, G, to_a_double_root, starts);
+  set.add_all(starts, same_solution);
+}
+
 bool General6R::run_form(int form, const double* G, Scratch& scratch, Set& set, unsigned& flags) const {
   kernels().general->solve_form(tables(), arm_, arm_.forms[form], G, scratch.form);
   flags = scratch.form.flags;
   const std::size_t before = set.count;
   set.add_all(scratch.form, same_solution);
+  if (flags & flag_near_fold) add_fold_partners(G, scratch, set);
   // solutions come in pairs, and simple roots have one each; two roots must not have led to the same
   if (before == 0 && (set.count % 2 != 0 || set.count < scratch.form.simple_roots)) flags |= flag_lost;
   if (!(flags & flag_hard)) return !(flags & flag_some_requests) || (set.count > 0 && !(flags & flag_near_twins));
@@ -529,6 +557,7 @@ bool General6R::run_form(int form, const double* G, Scratch& scratch, Set& set, 
   if (before == 0 || set.count != before || reports_[form].flagged < always_doubtful) return false;
   Set own;
   own.add_all(scratch.form, same_solution);
+  if (flags & flag_near_fold) add_fold_partners(G, scratch, own);
   return own.count == before;
 }
 

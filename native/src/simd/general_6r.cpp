@@ -8,8 +8,10 @@ namespace {
 
 using pieper::FormResult;
 
-constexpr int newton_steps = 8;
+constexpr int newton_steps = 12;
 constexpr int damped_steps = 25;
+// Least pivot of the Jacobian at a solution that may be one of two that have nearly met.
+constexpr double near_fold = 1e-3;
 // Third singular value, to the largest, below which solutions nearby do not explain it.
 constexpr double exactly_shared = 1e-8;
 
@@ -91,15 +93,17 @@ void solve_form(const TrigonometricTables& tables, const GeneralArm& arm, const 
     back_substitute(form, equations, row, q);
     const Joints start = q;
     Vec residual;
-    std::size_t steps = newton(arm, G, valid, q, residual, newton_steps);
+    Vec pivot = splat(1.0);
+    std::size_t steps = newton(arm, G, valid, q, residual, pivot, newton_steps);
     const IntVec failed = valid & none(residual < acceptable);
     if (any(failed)) {
       Joints again = start;
       Vec left;
       steps += 2 * damped(arm, G, failed, again, left, damped_steps);
-      steps += newton(arm, G, failed, again, left, 4);
+      steps += newton(arm, G, failed, again, left, pivot, 4);
       keep_better(again, left, q, residual);
     }
+    if (any(valid & (residual < acceptable) & (pivot < near_fold))) result.flags |= pieper::flag_near_fold;
     store_joints(q, residual, result, first);
     result.work += 4 + 2 * steps;
     for (std::size_t l = 0; l < some; ++l)
@@ -132,7 +136,8 @@ void refine(const GeneralArm& arm, const double* G, const pieper::Refinement& ho
       wander(arm, G, valid, q, residual, how.damped_steps);
     else
       damped(arm, G, valid, q, residual, how.damped_steps);
-    newton(arm, G, valid, q, residual, how.newton_steps);
+    Vec pivot;
+    newton(arm, G, valid, q, residual, pivot, how.newton_steps);
     store_joints(q, residual, result, first);
   }
   compact(result, result.count, how.residual);

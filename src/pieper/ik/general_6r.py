@@ -71,6 +71,8 @@ class Flag(IntFlag):
     """A good part of the circle was sampled again; where nothing was found then, or `near_twins`, another form ran."""
     near_twins = 1024
     """Nearly two solutions at one angle."""
+    near_fold = 2048
+    """A solution next to a singular pose; another one was looked for to both sides of it."""
     second_form = 4096
     third_form = 8192
     last_resort = 16384

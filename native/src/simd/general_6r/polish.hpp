@@ -9,6 +9,9 @@ using pieper::GeneralArm;
 
 constexpr double polished = 4e-15;    // residual [rad, lengths of the scaled arm] at which a lane is done
 constexpr double acceptable = pieper::acceptable_residual;
+// Residual below which a step that does not help is the last. Above, it may have gone through a fold, where the residual of
+// the middle between two solutions is small and the way to either of them leads uphill.
+constexpr double settled = 3e-14;
 constexpr double longest_step = 0.3;  // rad
 
 // Residual of the loop at the joints: position and rotation (first order), and by `J` its columns z x (p - o), z; those of a
@@ -16,6 +19,7 @@ constexpr double longest_step = 0.3;  // rad
 struct Loop {
   Vec e[6], residual;
   Vec J[6][7];
+  Vec pivot;  // the least one of J, where a step was made
 };
 
 // `G` is the target, 3x4.
@@ -99,6 +103,8 @@ PIEPER_INLINE void newton_step(Loop& loop, Vec* step) {
   for (int r = 0; r < 6; ++r) loop.J[r][6] = loop.e[r];
   for (int j = 0; j < 5; ++j) diagonal[j] = reflect<6, 7, true>(loop.J, j, j, j + 1, 7);
   diagonal[5] = loop.J[5][5];
+  loop.pivot = magnitude(diagonal[0]);
+  for (int j = 1; j < 6; ++j) loop.pivot = smaller(loop.pivot, magnitude(diagonal[j]));
   for (int i = 5; i >= 0; --i) {
     Vec x = loop.J[i][6];
     for (int j = i + 1; j < 6; ++j) x -= loop.J[i][j] * step[j];
@@ -165,9 +171,9 @@ PIEPER_INLINE void keep_better(const Joints& from, Vec residual, Joints& best, V
 }
 
 // Newton steps until every lane of `valid` is done or has stopped to improve. The best joints and residual of each lane
-// remain. Returns the number of steps.
+// remain, and the least pivot of the last step. Returns the number of steps.
 PIEPER_NOINLINE std::size_t newton(const GeneralArm& arm, const double* G, IntVec valid, Joints& q, Vec& residual,
-                                   int most_steps) {
+                                   Vec& pivot, int most_steps) {
   Joints best = q;
   residual = splat(1e301);
   Vec before = splat(1e301);
@@ -176,11 +182,12 @@ PIEPER_NOINLINE std::size_t newton(const GeneralArm& arm, const double* G, IntVe
     Loop loop;
     evaluate(arm, G, q, loop);
     keep_better(q, loop.residual, best, residual);
-    const IntVec stalled = (residual < acceptable) & (loop.residual > 0.25 * before);
+    const IntVec stalled = (residual < settled) & (loop.residual > 0.5 * before);
     if (static_cast<int>(steps) >= most_steps || !any(valid & none((residual < polished) | stalled))) break;
     before = loop.residual;
     Vec step[6];
     newton_step(loop, step);
+    pivot = loop.pivot;
     move_joints(arm.slide, q, step);
   }
   q = best;
