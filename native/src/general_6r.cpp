@@ -220,29 +220,27 @@ double least_singular_value(const GeneralArm& arm, const double* c, const double
     if (i == arm.slide)
       for (int r = 0; r < 3; ++r) J[r][i] = z[i][r], J[3 + r][i] = 0;
   }
-  double A[6][6];  // J^T J
-  for (int i = 0; i < 6; ++i)
-    for (int j = 0; j < 6; ++j) {
-      A[i][j] = i == j ? 1e-15 : 0;
-      for (int r = 0; r < 6; ++r) A[i][j] += J[r][i] * J[r][j];
-    }
+  // J = Q R by the method of Gram and Schmidt in its stable order; forming J^T J would hide what is below 1e-8
+  double R[6][6] = {};
   for (int j = 0; j < 6; ++j) {
-    for (int k = 0; k < j; ++k) A[j][j] -= A[j][k] * A[j][k];
-    A[j][j] = std::sqrt(std::max(A[j][j], 1e-18));
-    for (int i = j + 1; i < 6; ++i) {
-      for (int k = 0; k < j; ++k) A[i][j] -= A[i][k] * A[j][k];
-      A[i][j] /= A[j][j];
+    double square = 0;
+    for (int r = 0; r < 6; ++r) square += J[r][j] * J[r][j];
+    R[j][j] = std::max(std::sqrt(square), 1e-18);
+    for (int r = 0; r < 6; ++r) J[r][j] /= R[j][j];
+    for (int k = j + 1; k < 6; ++k) {
+      for (int r = 0; r < 6; ++r) R[j][k] += J[r][j] * J[r][k];
+      for (int r = 0; r < 6; ++r) J[r][k] -= R[j][k] * J[r][j];
     }
   }
   double x[6] = {0.61, -0.43, 0.37, 0.52, -0.29, 0.33}, growth = 1;
   for (int step = 0; step < 3; ++step) {
     for (int i = 0; i < 6; ++i) {
-      for (int k = 0; k < i; ++k) x[i] -= A[i][k] * x[k];
-      x[i] /= A[i][i];
+      for (int k = 0; k < i; ++k) x[i] -= R[k][i] * x[k];
+      x[i] /= R[i][i];
     }
     for (int i = 5; i >= 0; --i) {
-      for (int k = i + 1; k < 6; ++k) x[i] -= A[k][i] * x[k];
-      x[i] /= A[i][i];
+      for (int k = i + 1; k < 6; ++k) x[i] -= R[i][k] * x[k];
+      x[i] /= R[i][i];
     }
     growth = 0;
     for (double v : x) growth += v * v;
@@ -519,8 +517,9 @@ void General6R::measure_support() {
   }
 }
 
-void General6R::add_fold_partners(const double* G, Scratch& scratch, Set& set) const {
+bool General6R::add_fold_partners(const double* G, Scratch& scratch, Set& set) const {
   constexpr double nearly_singular = 1e-4, on_a_curve = 3e-9;  // least singular value of the Jacobian
+  constexpr double rounding = 4e-14, most_uncertain = 3e-2;
   constexpr double distances[] = {1e-3, -1e-3, 2e-2, -2e-2};
   constexpr Refinement to_a_double_root{0, 24, acceptable_residual, false};
   FormResult& starts = scratch.partners;
@@ -528,7 +527,7 @@ void General6R::add_fold_partners(const double* G, Scratch& scratch, Set& set) c
   for (std::size_t k = 0; k < set.count && starts.count + 4 <= most_starts; ++k) {
     double direction[6];
     const double least = least_singular_value(arm_, set.c[k], set.s[k], direction);
-    if (least > nearly_singular || least < on_a_curve) continue;
+    if (least > nearly_singular) continue;
     for (double distance : distances) {
       const std::size_t at = starts.count++;
       for (int i = 0; i < 6; ++i) {
@@ -539,9 +538,19 @@ void General6R::add_fold_partners(const double* G, Scratch& scratch, Set& set) c
       }
     }
   }
-  if (starts.count == 0) return;
+  if (starts.count == 0) return false;
   kernels().general->refine(arm_, G, to_a_double_root, starts);
-  set.add_all(starts, same_solution);
+  for (std::size_t k = 0; k < starts.count; ++k) {
+    double c[6], s[6], direction[6];
+    for (int i = 0; i < 6; ++i) c[i] = starts.cosine[i][k], s[i] = starts.sine[i][k];
+    // as far as rounding lets it slide along a flat valley, it is the solution that it comes from
+    const double uncertain = rounding / std::max(least_singular_value(arm_, c, s, direction), 1e-12);
+    set.add(starts, k, std::clamp(uncertain, same_solution, most_uncertain));
+  }
+  double direction[6];
+  for (std::size_t k = 0; k < set.count; ++k)
+    if (least_singular_value(arm_, set.c[k], set.s[k], direction) < on_a_curve) return true;
+  return false;
 }
 
 bool General6R::run_form(int form, const double* G, Scratch& scratch, Set& set, unsigned& flags) const {
@@ -549,7 +558,7 @@ bool General6R::run_form(int form, const double* G, Scratch& scratch, Set& set, 
   flags = scratch.form.flags;
   const std::size_t before = set.count;
   set.add_all(scratch.form, same_solution);
-  if (flags & flag_near_fold) add_fold_partners(G, scratch, set);
+  if ((flags & flag_near_fold) && add_fold_partners(G, scratch, set)) flags |= flag_singular;
   // solutions come in pairs, and simple roots have one each; two roots must not have led to the same
   if (before == 0 && (set.count % 2 != 0 || set.count < scratch.form.simple_roots)) flags |= flag_lost;
   if (!(flags & flag_hard)) return !(flags & flag_some_requests) || (set.count > 0 && !(flags & flag_near_twins));
@@ -735,17 +744,19 @@ void General6R::solve_one(const double* target, GeneralMode mode, int only_form,
       !trusted || mode == GeneralMode::complete || (mode == GeneralMode::checked && (flags & unclear) != 0);
   if (again && order_.size() > 1) {
     const bool second = run_form(order_[1], G, scratch, set, flags);
-    out.flags[k] |= solve_second_form;
+    out.flags[k] |= solve_second_form | static_cast<int>(flags & flag_singular);
     trusted = trusted || (second && dependable_ && !(shared && (flags & flag_hard)));
     if (!trusted && order_.size() > 2) {
       trusted = run_form(order_[2], G, scratch, set, flags) && dependable_ && !(shared && (flags & flag_hard));
-      out.flags[k] |= solve_third_form;
+      out.flags[k] |= solve_third_form | static_cast<int>(flags & flag_singular);
     }
   }
   if (!trusted) {
     out.flags[k] |= solve_doubtful | solve_last_resort;
     last_resort(G, scratch, set);
+    if (add_fold_partners(G, scratch, set)) out.flags[k] |= static_cast<int>(flag_singular);
   }
+  if (out.flags[k] & static_cast<int>(flag_singular)) out.flags[k] |= solve_doubtful;
   set.keep_most_regular(arm_);
   write(target, set, out, k);
 }

@@ -39,6 +39,7 @@ enum FormFlag : unsigned {
   flag_some_requests = 512,  // a good part of the circle was sampled again; hard where that left something unclear
   flag_near_twins = 1024,    // nearly two solutions at one angle
   flag_near_fold = 2048,     // a solution next to a singular pose, where another may have fallen together with it
+  flag_singular = 1 << 16,   // a solution at a singular pose
 };
 
 // Rz(angle) Trans(x, y, z) Rx(twist) from one joint frame to the next, lengths divided by the scale of the arm.
@@ -175,7 +176,8 @@ class General6R {
   template <class Numbers>
   void draw_joints(Numbers&, double* c, double* s) const;
   // The other one of two solutions that have nearly met: looked for to both sides of those next to a singular pose.
-  void add_fold_partners(const double* G, Scratch&, Set&) const;
+  // True when one of them is at a singular pose: it may belong to a curve of solutions.
+  bool add_fold_partners(const double* G, Scratch&, Set&) const;
   // Adds what a form finds; true when that can be trusted to be all.
   bool run_form(int form, const double* G, Scratch&, Set&, unsigned& flags) const;
   void solve_one(const double* target, GeneralMode, int only_form, Scratch&, const GeneralResults&,

@@ -78,7 +78,9 @@ class Flag(IntFlag):
     last_resort = 16384
     """Targets nearby were solved, and their solutions continued to this one."""
     doubtful = 32768
-    """Every form had doubts: a solution may be missing, as at targets with continuous families of solutions."""
+    """Every form had doubts, or a solution is singular: one may be missing, as where solutions form curves."""
+    singular = 65536
+    """A solution at a singular pose: the end of two that have met, or a member of a curve of solutions."""
 
 
 @dataclass(frozen=True, eq=False)

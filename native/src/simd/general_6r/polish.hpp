@@ -183,11 +183,13 @@ PIEPER_NOINLINE std::size_t newton(const GeneralArm& arm, const double* G, IntVe
     evaluate(arm, G, q, loop);
     keep_better(q, loop.residual, best, residual);
     const IntVec stalled = (residual < settled) & (loop.residual > 0.5 * before);
-    if (static_cast<int>(steps) >= most_steps || !any(valid & none((residual < polished) | stalled))) break;
+    const bool done = static_cast<int>(steps) >= most_steps || !any(valid & none((residual < polished) | stalled));
+    if (done && steps > 0) break;
     before = loop.residual;
     Vec step[6];
     newton_step(loop, step);
     pivot = loop.pivot;
+    if (done) break;
     move_joints(arm.slide, q, step);
   }
   q = best;
