@@ -282,7 +282,7 @@ def main() -> None:
             row["lost_poses"] = [pose for part in row["rounds"] for pose in part["lost"]]
             rows[name] = row
             kept = {key: {**value, "rounds": [compact(value)]} for key, value in rows.items()}
-            results.save(QUESTION, method=str(__doc__), packages=[], arms=results.rounded(kept, 6))
+            results.save(QUESTION, method=str(__doc__), packages=[], arms=kept)
             fastest = row["times_us"][f"{kernels.instruction_set()} {chosen.mode}"]
             progress.console.print(
                 f"{name:28} lost {row['lost']} ({row['lost_without_doubt']} unsaid) of {row['poses']}, "

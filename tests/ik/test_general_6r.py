@@ -188,7 +188,10 @@ def test_determinant_is_a_trigonometric_polynomial_of_degree_8(seed):
 
 
 def test_harmonics_are_measured():
-    first = {name: next(r for r in prepare(chain(name)).native.reports if r.rank == 0) for name in ("kuka_kr210_robond", "ur5e")}
+    first = {
+        name: next(r for r in prepare(chain(name)).native.reports if r.rank == 0)
+        for name in ("kuka_kr210_robond", "ur5e")
+    }
     assert first["kuka_kr210_robond"].remaining_joint == 5
     assert first["kuka_kr210_robond"].even
     assert first["kuka_kr210_robond"].harmonics == 2
@@ -240,7 +243,9 @@ def test_bad_input():
         solve_general_6r(arm, T, threads=0)
     with pytest.raises(UnknownNameError, match="did you mean 'fast'"):
         solve_general_6r(arm, T, mode="fasst")
-    with pytest.raises(ArrayError, match=r"takes six joints, all revolute or one of them prismatic, .* has 7 axes, 7 of them revolute"):
+    with pytest.raises(
+        ArrayError, match=r"takes six joints, all revolute or one of them prismatic, .* has 7 axes, 7 of them revolute"
+    ):
         solve_general_6r(chain("franka_panda"), T)
 
 

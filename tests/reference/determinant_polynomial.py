@@ -91,7 +91,9 @@ def determinants(chain, T_base_tip: np.ndarray, remaining: int, angles: np.ndarr
     out = []
     for angle in angles:
         left = bilinear(
-            four, five, lambda t4, t5, a=angle: K[1] @ turn(a) @ K[2] @ four[0](t4 + 0.7) @ K[3] @ five[0](t5 - 0.4) @ K[4]
+            four,
+            five,
+            lambda t4, t5, a=angle: K[1] @ turn(a) @ K[2] @ four[0](t4 + 0.7) @ K[3] @ five[0](t5 - 0.4) @ K[4],
         )
         trigonometric = np.einsum("rk,kij->rij", rows, left)
         trigonometric[:, 0, 0] -= constant

@@ -53,7 +53,9 @@ PIEPER_INLINE void back_substitute(const LoopForm& form, const Equations& equati
   const int slide = form.slide;
   Vec d = splat(0.0);
   if (slide == 4) d = h / with_sign(larger(magnitude(k), splat(1e-12)), k);
-  if (slide == 5) d = select(c5 > 0.0, s5 / larger(1.0 + c5, splat(1e-3)), (1.0 - c5) / with_sign(larger(magnitude(s5), splat(1e-12)), s5));
+  if (slide == 5)
+    d = select(c5 > 0.0, s5 / larger(1.0 + c5, splat(1e-3)),
+               (1.0 - c5) / with_sign(larger(magnitude(s5), splat(1e-12)), s5));
 
   // the left line in the frame after K2, and the x axis of its frame
   Vec z[3], p[3], x[3];

@@ -2,8 +2,8 @@
 // lanes.hpp.
 #pragma once
 
-#include "pieper/general_6r.hpp"
 #include "line_numbers.hpp"
+#include "pieper/general_6r.hpp"
 
 namespace {
 
@@ -36,7 +36,8 @@ inline void expand_left_line(LoopForm& form) {
     for (int k = 0; k < 14; ++k) {
       double with[3];
       for (int j = 0; j < 3; ++j)
-        with[j] = to_half_4[a][0] * parts[0][j][k] + to_half_4[a][1] * parts[1][j][k] + to_half_4[a][2] * parts[2][j][k];
+        with[j] =
+            to_half_4[a][0] * parts[0][j][k] + to_half_4[a][1] * parts[1][j][k] + to_half_4[a][2] * parts[2][j][k];
       for (int b = 0; b < 3; ++b)
         form.left[k][3 * a + b] = to_half_5[b][0] * with[0] + to_half_5[b][1] * with[1] + to_half_5[b][2] * with[2];
     }

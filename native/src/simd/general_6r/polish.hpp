@@ -7,7 +7,7 @@ namespace {
 
 using pieper::GeneralArm;
 
-constexpr double polished = 4e-15;    // residual [rad, lengths of the scaled arm] at which a lane is done
+constexpr double polished = 4e-15;  // residual [rad, lengths of the scaled arm] at which a lane is done
 constexpr double acceptable = pieper::acceptable_residual;
 // Residual below which a step that does not help is the last. Above, it may have gone through a fold, where the residual of
 // the middle between two solutions is small and the way to either of them leads uphill.
