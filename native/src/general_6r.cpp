@@ -579,7 +579,7 @@ void General6R::choose_forms() {
   struct Trial {
     std::vector<double> tails, works;
     std::vector<std::array<bool, Set::capacity>> hits;
-    int flagged = 0, looked_twice = 0;
+    int flagged = 0, looked_twice = 0, looked_closely = 0;
     bool dropped = false;
   };
   Trial trials[form_count];
@@ -620,6 +620,7 @@ void General6R::choose_forms() {
       trial.tails.push_back(results[f].tail), trial.works.push_back(static_cast<double>(results[f].work));
       trial.flagged += (results[f].flags & flag_hard) != 0;
       trial.looked_twice += (results[f].flags & (flag_request | flag_twins)) != 0;
+      trial.looked_closely += (results[f].flags & (flag_some_requests | flag_near_twins)) != 0;
       for (std::size_t k = 0; k < results[f].count; ++k)
         for (std::size_t j = 0; j < all.count; ++j) {
           double apart = 0;
@@ -661,6 +662,14 @@ void General6R::choose_forms() {
                                                      }) -
                                     score);
   order_ = {best};
+  // where roots coincide, or nearly do, by the structure of the arm, that they do tells nothing
+  const auto often = [&](int poses_with) {
+    return poses_with >= always_twice * static_cast<double>(trials[best].tails.size());
+  };
+  if (!often(trials[best].looked_twice))
+    unclear_ = flag_request | flag_twins;
+  else if (!often(trials[best].looked_closely))
+    unclear_ = flag_some_requests | flag_near_twins;
   dependable_ = usable(best) && static_cast<double>(seeds_found) >= least_seeds * poses;
   std::vector<std::array<bool, Set::capacity>> covered = trials[best].hits;
   while (order_.size() < 3) {
@@ -737,11 +746,8 @@ void General6R::solve_one(const double* target, GeneralMode mode, int only_form,
   bool trusted = run_form(order_[0], G, scratch, set, flags) && dependable_;
   out.flags[k] = static_cast<int>(flags);
   const bool shared = (flags & flag_third) != 0;  // not to be settled by a form that always has doubts
-  // where roots coincide by the structure of the arm, that they do tells nothing
-  const unsigned unclear = reports_[order_[0]].looked_twice < always_twice ? flag_request | flag_twins
-                                                                           : flag_some_requests | flag_near_twins;
   const bool again =
-      !trusted || mode == GeneralMode::complete || (mode == GeneralMode::checked && (flags & unclear) != 0);
+      !trusted || mode == GeneralMode::complete || (mode == GeneralMode::checked && (flags & unclear_) != 0);
   if (again && order_.size() > 1) {
     const bool second = run_form(order_[1], G, scratch, set, flags);
     out.flags[k] |= solve_second_form | static_cast<int>(flags & flag_singular);

@@ -62,12 +62,12 @@ def slide_arm(place, kind, seed):
 def stanford():
     """Scheinman's arm of 1969: two square axes, a slide, a wrist; lengths of Paul's book [m]."""
     p, up, across = np.array([0.0, 0.154, 0.412]), np.array([0, 0, 1.0]), np.array([0, 1.0, 0])
-    wrist = p + [0, 0, 0.3]
+    wrist = p + np.array([0, 0, 0.3])
     screws = [np.concatenate([np.cross(q, w), w]) for q, w in ((0 * p, up), (p, across))]
     screws.append(np.array([0, 0, 1.0, 0, 0, 0]))
     screws += [np.concatenate([np.cross(wrist, w), w]) for w in (up, across, up)]
     home = np.eye(4)
-    home[:3, 3] = wrist + [0, 0, 0.263]
+    home[:3, 3] = wrist + np.array([0, 0, 0.263])
     limits = [(-np.pi, np.pi)] * 2 + [(-0.2, 0.8)] + [(-np.pi, np.pi)] * 3
     return Chain("stanford", screws, home, limits, [f"j{i}" for i in range(6)])
 
