@@ -1,4 +1,4 @@
-"""All solutions of any arm with six revolute joints, from one trigonometric polynomial of degree 8.
+"""All solutions of any arm with six joints, revolute or one of them prismatic, from one trigonometric polynomial of degree 8.
 
 The loop closure ``Rz(q1) C1 ... Rz(q6) C6 = T`` is reduced by the elimination of Raghavan and Roth to a 12x12 determinant
 in one remaining joint angle t. Sampled on the circle it is exactly
@@ -6,8 +6,9 @@ in one remaining joint angle t. Sampled on the circle it is exactly
     det(t) = c_0 + sum over k = 1 ... 8 of A_k cos(k t) + B_k sin(k t),
 
 so its real roots, at most 16, are all the values that this joint can take. Nothing is derived or generated for an arm:
-`prepare` measures its six forms (which joint remains) on some hundred poses and keeps the best. The derivation is in
-``docs/derivations/general_6r.md``.
+`prepare` measures its twelve forms (which joint remains, and the direction of the loop) on some hundred poses and keeps
+the best. A prismatic joint has its displacement and the square of it where others have cosine and sine; it never remains. The
+derivation is in ``docs/derivations/general_6r.md``.
 
 References
 ----------
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 BoolArray = NDArray[np.bool_]
 
 MOST_SOLUTIONS = 16
-"""No arm with six revolute joints has more isolated solutions (Primrose 1986)."""
+"""No arm with six revolute joints has more isolated solutions (Primrose 1986), nor has one with a slide among them."""
 
 MODES = ("fast", "checked", "complete")
 
@@ -109,7 +110,8 @@ class GeneralSolutions:
     Attributes
     ----------
     q : (..., 16, 6) array
-        Joint angles [rad] in (-pi, pi], sorted; NaN where ``valid`` is False. Joint limits are not looked at.
+        Joint angles [rad] in (-pi, pi] and displacements [m], sorted; NaN where ``valid`` is False. Joint limits are not
+        looked at.
     valid : (..., 16) bool array
     position_error, rotation_error : (..., 16) arrays
         Measured at the pose that forward kinematics gives [m] and [rad].
@@ -143,7 +145,7 @@ def prepare(chain: Chain) -> General6R:
     Raises
     ------
     ArrayError
-        The chain has not six revolute joints, or mimic joints.
+        The chain has not six joints, or more than one prismatic one, or mimic joints.
 
     Examples
     --------
@@ -168,12 +170,12 @@ def prepare(chain: Chain) -> General6R:
 def solve_general_6r(
     chain: Chain, T_base_tip: ArrayLike, *, mode: str = "checked", threads: int = 1
 ) -> GeneralSolutions:
-    """All joint angles of an arm with six revolute joints that bring its tip to a pose.
+    """All joint values of an arm with six joints that bring its tip to a pose.
 
     Parameters
     ----------
     chain : Chain
-        Six revolute joints; any geometry.
+        Six revolute joints, or five and a prismatic one at any place; any geometry.
     T_base_tip : (..., 4, 4) array
         Poses of the tip in the base frame [m, -].
     mode : str
@@ -193,8 +195,9 @@ def solve_general_6r(
 
     Notes
     -----
-    Where solutions form curves (a stretched wrist), up to 16 members are returned. Two solutions closer than 1e-6 rad, or
-    than the square root of what rounding leaves, count as one.
+    Where solutions form curves (a stretched wrist), up to 16 members are returned, and `Flag.doubtful` is set. Two solutions
+    closer than 1e-6 rad, or than the square root of what rounding leaves, count as one. On arms whose solutions form curves
+    everywhere (four parallel axes, coincident axes) every answer is doubtful.
 
     Examples
     --------
