@@ -256,6 +256,7 @@ double least_singular_value(const GeneralArm& arm, const double* c, const double
 constexpr double same_solution = 1e-6;      // rad
 constexpr double always_doubtful = 0.2;     // share of hard flags of a form that says nothing by them
 constexpr double always_twice = 0.5;        // share of requests and twins that belongs to the arm
+constexpr double nearly_vanishing = 1e-13;  // median noise of a form that cannot say that there is nothing
 constexpr double same_after_resort = 1e-5;  // rad, for solutions that were continued to a singular target
 
 struct General6R::Scratch {
@@ -561,6 +562,8 @@ bool General6R::run_form(int form, const double* G, Scratch& scratch, Set& set, 
   if ((flags & flag_near_fold) && add_fold_partners(G, scratch, set)) flags |= flag_singular;
   // solutions come in pairs, and simple roots have one each; two roots must not have led to the same
   if (before == 0 && (set.count % 2 != 0 || set.count < scratch.form.simple_roots)) flags |= flag_lost;
+  // next to an arm that cannot reach all of space rounding may lift a double root off zero
+  if (set.count == 0 && reports_[form].median_tail > nearly_vanishing) return false;
   if (!(flags & flag_hard)) return !(flags & flag_some_requests) || (set.count > 0 && !(flags & flag_near_twins));
   // a form whose roots always coincide (spherical wrists) has doubts at every pose: what counts is that it agrees
   if (before == 0 || set.count != before || reports_[form].flagged < always_doubtful) return false;
@@ -667,9 +670,9 @@ void General6R::choose_forms() {
     return poses_with >= always_twice * static_cast<double>(trials[best].tails.size());
   };
   if (!often(trials[best].looked_twice))
-    unclear_ = flag_request | flag_twins;
+    unclear_ |= flag_request | flag_twins;
   else if (!often(trials[best].looked_closely))
-    unclear_ = flag_some_requests | flag_near_twins;
+    unclear_ |= flag_some_requests | flag_near_twins;
   dependable_ = usable(best) && static_cast<double>(seeds_found) >= least_seeds * poses;
   std::vector<std::array<bool, Set::capacity>> covered = trials[best].hits;
   while (order_.size() < 3) {
@@ -694,7 +697,8 @@ void General6R::choose_forms() {
 // For targets at which every form degenerates: targets nearby, and their solutions continued to the true one.
 void General6R::last_resort(const double* G, Scratch& scratch, Set& set) const {
   constexpr double sizes[] = {1e-3, 1e-2, 3e-3, 3e-2, 1e-4, 1e-2, 1e-3, 5e-2};
-  constexpr int most_idle = 2, most_batches = 6, patient_from = 4;
+  constexpr int most_idle = 2, most_batches = 8, patient_from = 4;
+  constexpr std::size_t patient_starts = 8;
   constexpr double last_tolerance = 8e-10;  // m and rad: within what answers promise
   const Refinement quick{60, 12, acceptable_residual, false};
   const Refinement patient{300, 4, last_tolerance / std::max(scale_, 1.0), true};
@@ -720,8 +724,8 @@ void General6R::last_resort(const double* G, Scratch& scratch, Set& set) const {
   // where nothing was found, and where there is no second form to confirm what was
   const int least_batches = order_.size() == 1 ? 2 : 0;
   for (int batch = 0; batch < least_batches || (batch < most_batches && set.count == 0); ++batch) {
-    scratch.form.count = most_starts;
-    for (std::size_t k = 0; k < most_starts; ++k) {
+    scratch.form.count = batch < patient_from ? most_starts : patient_starts;
+    for (std::size_t k = 0; k < scratch.form.count; ++k) {
       double c[6], s[6];
       draw_joints(numbers, c, s);
       for (int i = 0; i < 6; ++i) scratch.form.cosine[i][k] = c[i], scratch.form.sine[i][k] = s[i];

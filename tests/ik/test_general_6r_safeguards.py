@@ -356,7 +356,7 @@ def test_targets_nearby_help_where_every_form_fails(name):
     assert helped > 0
 
 
-def hostile_arm(seed):
+def hostile_arm(seed, *, slide=-1):
     """Coincident, parallel, zero-length and nearly equal axes, 1e-12 to 1e-3 from each other."""
     rng = np.random.default_rng(seed)
     near = 10.0 ** rng.uniform(-12, -3)
@@ -373,7 +373,12 @@ def hostile_arm(seed):
         elif kind == 3:
             a += near
         links.append(link(theta, d, a, alpha))
-    return arm_of(links, name=f"hostile {seed}")
+    arm = arm_of(links, name=f"hostile {seed}")
+    if slide < 0:
+        return arm
+    screws = arm.screws.copy()
+    screws[slide] = [*screws[slide, 3:], 0, 0, 0]
+    return Chain(arm.name, screws, arm.home, [(-1.0, 1.0)] * 6, arm.joint_names)
 
 
 def test_no_reachable_target_of_a_degenerate_arm_is_left_empty():
@@ -389,6 +394,15 @@ def test_no_reachable_target_of_a_degenerate_arm_is_left_empty():
         regular = least_singular_values(arm, q) > 1e-3
         lost = lost_by(answers.q, q, SAME_SINGULAR)
         assert ((answers.flags[lost & regular] & Flag.doubtful) != 0).all(), seed
+
+
+def test_a_form_that_nearly_vanishes_cannot_say_that_there_is_nothing():
+    """An arm that all but moves in a plane: the only root at a singular target was lifted off zero, and no flag was set."""
+    arm = hostile_arm(47, slide=5)
+    assert max(report.median_tail for report in prepare(arm).native.reports if report.rank == 0) > 1e-13
+    for d in np.linspace(-0.5, 1.0, 20):
+        q = np.array([np.pi, np.pi / 2, -np.pi, -np.pi, np.pi, d])
+        assert solve_general_6r(arm, fk(arm, q)).valid.any()
 
 
 # Calibrated arms, folds and boundaries

@@ -194,7 +194,8 @@ class General6R {
   std::vector<int> order_;                     // forms in the order of their use
   // False when the forms together do not find the joints that made a pose: arms whose solutions form curves everywhere.
   bool dependable_ = true;
-  unsigned unclear_ = 0;  // flags of the first form after which GeneralMode::checked tries the second one
+  // Flags of the first form after which GeneralMode::checked tries the second one.
+  unsigned unclear_ = flag_near_fold | flag_some_requests;
   std::vector<FormReport> reports_;
 };
 
