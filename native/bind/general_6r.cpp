@@ -41,7 +41,7 @@ void bind_general_6r(nb::module_& module) {
       .def(
           "__init__",
           [](General6R* self, const NativeChain& chain) {
-            if (!General6R::fits(chain.chain)) throw nb::value_error("not six revolute joints");
+            if (!General6R::fits(chain.chain)) throw nb::value_error("not six joints of which at least five turn");
             new (self) General6R(chain.chain);
           },
           nb::arg("chain"), nb::keep_alive<1, 2>())
@@ -82,7 +82,7 @@ void bind_general_6r(nb::module_& module) {
             return nb::make_tuple(q.array(), position.array(), rotation.array(), valid.array(), flags.array());
           },
           nb::arg("form"), nb::arg("targets"), nb::sig(one_form_signature.c_str()),
-          "As solve(), by one of the six forms alone; to measure them.")
+          "As solve(), by one of the twelve forms alone; to measure them.")
       .def_prop_ro("reports", &General6R::reports, "What was measured about each form.");
 }
 

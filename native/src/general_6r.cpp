@@ -1,4 +1,4 @@
-// The general solver around its kernels: frames and constants of an arm, the choice among its six forms by measurement,
+// The general solver around its kernels: frames and constants of an arm, the choice among its twelve forms by measurement,
 // and what to do when a form says that something went wrong.
 #include "pieper/general_6r.hpp"
 
@@ -12,7 +12,7 @@
 #include <thread>
 
 #include "pieper/kernels.hpp"
-#include "simd/general_6r/line_numbers.hpp"
+#include "simd/general_6r/left_line.hpp"
 
 namespace pieper {
 namespace {
@@ -22,6 +22,8 @@ constexpr double pi = std::numbers::pi;
 // Below this sine of the angle between two axes the foot of their common normal may lie far away.
 constexpr double clearly_skew = 0.1;
 constexpr double no_angle = 5e-15;
+constexpr double least_scale = 1e-4;            // [m] that stand for 1 in the equations
+constexpr double least_scale_of_extent = 1e-5;  // the same, of the largest coordinate
 
 using Vec3 = std::array<double, 3>;
 Vec3 operator+(const Vec3& a, const Vec3& b) { return {a[0] + b[0], a[1] + b[1], a[2] + b[2]}; }
@@ -74,6 +76,8 @@ Motion motion_of(const JointFrame& f) {
 }
 
 Motion turn_about_z(double c, double s) { return {c, -s, 0, 0, s, c, 0, 0, 0, 0, 1, 0}; }
+
+Motion slide_along_z(double d) { return {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, d}; }
 
 Motion motion_of(const JointStep& s) {
   return {1, 0, 0, s.x, 0, s.cos_twist, -s.sin_twist, s.y, 0, s.sin_twist, s.cos_twist, s.z};
@@ -157,18 +161,30 @@ const TrigonometricTables& tables() {
   return made;
 }
 
-// Shift and direction of the six forms, in the order of LoopForm's users: q3 q1 q2 and, backwards, q4 q6 q5.
-constexpr int form_shifts[form_count] = {0, 4, 5, 0, 4, 5};
+// Shift and direction of the forms, with the target on the right: q3 q1 q2 and, backwards, q4 q6 q5; on the left: q4 q5 q6
+// and, backwards, q3 q2 q1.
+constexpr int target_left_from = 6;
+constexpr int form_shifts[form_count] = {0, 4, 5, 0, 4, 5, 1, 2, 3, 1, 2, 3};
 
-int remaining_joint(const LoopForm& form) {
-  const int place = (2 + form.shift) % 6;
-  return form.reversed ? 5 - place : place;
+// Which joint of the arm is joint `place` of the loop, both counted from 0.
+int joint_at(const LoopForm& form, int place) {
+  const int joint = (place + form.shift) % 6;
+  return form.reversed ? 5 - joint : joint;
 }
 
-// Rz of the joint, then the step, for all joints.
+int remaining_joint(const LoopForm& form) { return joint_at(form, 2); }
+
+// The remaining joint must turn, and so must the dropped one: a slide there would move the line along itself.
+bool takes_slide(const LoopForm& form, int slide) { return joint_at(form, 2) != slide && joint_at(form, 5) != slide; }
+
+Motion motion_of_joint(const GeneralArm& arm, int i, double c, double s) {
+  return i == arm.slide ? slide_along_z(s) * turn_about_z(arm.slide_cosine, arm.slide_sine) : turn_about_z(c, s);
+}
+
+// The joint, then the step, for all joints.
 Motion product(const GeneralArm& arm, const double* c, const double* s) {
-  Motion T = turn_about_z(c[0], s[0]);
-  for (int i = 1; i < 6; ++i) T = T * motion_of(arm.steps[i - 1]) * turn_about_z(c[i], s[i]);
+  Motion T = motion_of_joint(arm, 0, c[0], s[0]);
+  for (int i = 1; i < 6; ++i) T = T * motion_of(arm.steps[i - 1]) * motion_of_joint(arm, i, c[i], s[i]);
   return T;
 }
 
@@ -187,48 +203,51 @@ Motion small_motion(const double* twist) {
   return out;
 }
 
-// Smallest singular value of the Jacobian, by three steps of inverse iteration.
-double least_singular_value(const GeneralArm& arm, const double* c, const double* s) {
+bool slides_along(const double* screw) { return screw[3] == 0 && screw[4] == 0 && screw[5] == 0; }
+
+// Smallest singular value of the Jacobian and its direction in the joints, by three steps of inverse iteration.
+double least_singular_value(const GeneralArm& arm, const double* c, const double* s, double* direction) {
   double z[6][3], o[6][3], J[6][6];
-  Motion T = turn_about_z(c[0], s[0]);
+  Motion T = motion_of_joint(arm, 0, c[0], s[0]);
   for (int i = 0; i < 6; ++i) {
-    if (i > 0) T = T * motion_of(arm.steps[i - 1]) * turn_about_z(c[i], s[i]);
+    if (i > 0) T = T * motion_of(arm.steps[i - 1]) * motion_of_joint(arm, i, c[i], s[i]);
     for (int r = 0; r < 3; ++r) z[i][r] = T[4 * r + 2], o[i][r] = T[4 * r + 3];
   }
   for (int i = 0; i < 6; ++i) {
     double moment[3];
     cross_product(o[i], z[i], moment);
     for (int r = 0; r < 3; ++r) J[r][i] = moment[r], J[3 + r][i] = z[i][r];
+    if (i == arm.slide)
+      for (int r = 0; r < 3; ++r) J[r][i] = z[i][r], J[3 + r][i] = 0;
   }
-  double A[6][6];  // J^T J
-  for (int i = 0; i < 6; ++i)
-    for (int j = 0; j < 6; ++j) {
-      A[i][j] = i == j ? 1e-15 : 0;
-      for (int r = 0; r < 6; ++r) A[i][j] += J[r][i] * J[r][j];
-    }
+  // J = Q R by the method of Gram and Schmidt in its stable order; forming J^T J would hide what is below 1e-8
+  double R[6][6] = {};
   for (int j = 0; j < 6; ++j) {
-    for (int k = 0; k < j; ++k) A[j][j] -= A[j][k] * A[j][k];
-    A[j][j] = std::sqrt(std::max(A[j][j], 1e-18));
-    for (int i = j + 1; i < 6; ++i) {
-      for (int k = 0; k < j; ++k) A[i][j] -= A[i][k] * A[j][k];
-      A[i][j] /= A[j][j];
+    double square = 0;
+    for (int r = 0; r < 6; ++r) square += J[r][j] * J[r][j];
+    R[j][j] = std::max(std::sqrt(square), 1e-18);
+    for (int r = 0; r < 6; ++r) J[r][j] /= R[j][j];
+    for (int k = j + 1; k < 6; ++k) {
+      for (int r = 0; r < 6; ++r) R[j][k] += J[r][j] * J[r][k];
+      for (int r = 0; r < 6; ++r) J[r][k] -= R[j][k] * J[r][j];
     }
   }
   double x[6] = {0.61, -0.43, 0.37, 0.52, -0.29, 0.33}, growth = 1;
   for (int step = 0; step < 3; ++step) {
     for (int i = 0; i < 6; ++i) {
-      for (int k = 0; k < i; ++k) x[i] -= A[i][k] * x[k];
-      x[i] /= A[i][i];
+      for (int k = 0; k < i; ++k) x[i] -= R[k][i] * x[k];
+      x[i] /= R[i][i];
     }
     for (int i = 5; i >= 0; --i) {
-      for (int k = i + 1; k < 6; ++k) x[i] -= A[k][i] * x[k];
-      x[i] /= A[i][i];
+      for (int k = i + 1; k < 6; ++k) x[i] -= R[i][k] * x[k];
+      x[i] /= R[i][i];
     }
     growth = 0;
     for (double v : x) growth += v * v;
     growth = std::sqrt(growth);
     for (double& v : x) v /= growth;
   }
+  std::copy_n(x, 6, direction);
   return 1 / std::sqrt(growth);
 }
 
@@ -237,10 +256,11 @@ double least_singular_value(const GeneralArm& arm, const double* c, const double
 constexpr double same_solution = 1e-6;      // rad
 constexpr double always_doubtful = 0.2;     // share of hard flags of a form that says nothing by them
 constexpr double always_twice = 0.5;        // share of requests and twins that belongs to the arm
+constexpr double nearly_vanishing = 1e-13;  // median noise of a form that cannot say that there is nothing
 constexpr double same_after_resort = 1e-5;  // rad, for solutions that were continued to a singular target
 
 struct General6R::Scratch {
-  FormResult form;
+  FormResult form, partners;
 };
 
 // Distinct solutions of one target.
@@ -286,7 +306,8 @@ struct General6R::Set {
   void keep_most_regular(const GeneralArm& arm) {
     if (count <= most_solutions) return;
     std::vector<std::pair<double, std::size_t>> ranked(count);
-    for (std::size_t k = 0; k < count; ++k) ranked[k] = {-least_singular_value(arm, c[k], s[k]), k};
+    double direction[6];
+    for (std::size_t k = 0; k < count; ++k) ranked[k] = {-least_singular_value(arm, c[k], s[k], direction), k};
     std::sort(ranked.begin(), ranked.end());
     Set kept;
     for (std::size_t k = 0; k < most_solutions; ++k) {
@@ -305,11 +326,9 @@ struct General6R::Set {
 
 bool General6R::fits(const Chain& chain) {
   if (chain.coupled() || chain.axes() != 6) return false;
-  for (std::size_t i = 0; i < 6; ++i) {
-    const double* w = chain.screw(i) + 3;
-    if (w[0] == 0 && w[1] == 0 && w[2] == 0) return false;
-  }
-  return true;
+  int slides = 0;
+  for (std::size_t i = 0; i < 6; ++i) slides += slides_along(chain.screw(i));
+  return slides <= 1;
 }
 
 General6R::General6R(const Chain& chain) : chain_(chain) {
@@ -324,9 +343,15 @@ void General6R::set_frames() {
   Vec3 z[6], point[6];
   for (std::size_t i = 0; i < 6; ++i) {
     const double* screw = chain_.screw(i);
+    if (slides_along(screw)) {
+      arm_.slide = static_cast<int>(i);
+      z[i] = unit({screw[0], screw[1], screw[2]});
+      continue;
+    }
     z[i] = unit({screw[3], screw[4], screw[5]});
     point[i] = cross(z[i], {screw[0], screw[1], screw[2]});
   }
+  if (arm_.slide == 0) point[0] = point[1];  // any line will do
   JointFrame frames[6];
   // the point of axis b nearest to axis a, or to a point when they are nearly parallel
   const auto foot = [&](std::size_t a, std::size_t b, const Vec3& near) {
@@ -344,6 +369,7 @@ void General6R::set_frames() {
     const JointFrame& from = frames[i];
     JointFrame& to = frames[i + 1];
     to.z = z[i + 1];
+    if (arm_.slide == static_cast<int>(i) + 1) point[i + 1] = from.origin;
     to.origin = foot(i, i + 1, from.origin);
     const Vec3 normal = cross(from.z, to.z), step = to.origin - from.origin;
     const Vec3 aside = step - dot(step, from.z) * from.z;
@@ -361,7 +387,22 @@ void General6R::set_frames() {
     length += norm(step);
   }
   offset_[5] = 0;
-  scale_ = length > 0 ? 0.4 * length : 1;
+  double low = 0, high = 0;
+  if (arm_.slide >= 0) {
+    double& offset = offset_[arm_.slide];
+    arm_.slide_cosine = std::cos(offset), arm_.slide_sine = std::sin(offset), offset = 0;
+    if (std::abs(arm_.slide_sine) < no_angle) arm_.slide_sine = 0, arm_.slide_cosine = arm_.slide_cosine < 0 ? -1 : 1;
+    if (std::abs(arm_.slide_cosine) < no_angle) arm_.slide_cosine = 0, arm_.slide_sine = arm_.slide_sine < 0 ? -1 : 1;
+    low = chain_.lower(arm_.slide), high = chain_.upper(arm_.slide);
+    if (!std::isfinite(low) || !std::isfinite(high) || high <= low) high = length > 0 ? length : 1, low = -high;
+    length += 0.5 * (high - low);
+  }
+  // no less than what rounding of the coordinates leaves certain: arms whose axes all but meet in one point
+  double extent = 0;
+  for (const JointFrame& frame : frames) extent = std::max(extent, norm(frame.origin));
+  for (int r = 0; r < 3; ++r) extent = std::max(extent, std::abs(chain_.home()[4 * r + 3]));
+  scale_ = length > 0 ? std::max({0.4 * length, least_scale, least_scale_of_extent * extent}) : 1;
+  slide_low_ = low / scale_, slide_high_ = high / scale_;
   for (JointStep& step : arm_.steps) {
     step.x /= scale_, step.y /= scale_, step.z /= scale_;
     for (double* value : {&step.x, &step.y, &step.z})
@@ -397,45 +438,45 @@ void General6R::normalise_target(const double* target, double* G) const {
   for (int r = 0; r < 3; ++r) G[4 * r + 3] /= scale_;
 }
 
+template <class Numbers>
+void General6R::draw_joints(Numbers& numbers, double* c, double* s) const {
+  for (int i = 0; i < 6; ++i) {
+    if (i == arm_.slide) {
+      c[i] = 0, s[i] = numbers.between(slide_low_, slide_high_);
+      continue;
+    }
+    const double q = numbers.between(-pi, pi);
+    c[i] = std::cos(q), s[i] = std::sin(q);
+  }
+}
+
 void General6R::set_forms() {
   const Motion unit_motion{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   for (int f = 0; f < form_count; ++f) {
     LoopForm& form = arm_.forms[f];
     form = {};
-    form.shift = form_shifts[f], form.reversed = f >= 3;
-    form.target_in = form.shift == 0 ? 6 : form.shift == 4 ? 2 : 1;
+    form.shift = form_shifts[f], form.reversed = f / 3 % 2;
+    form.target_in = 6 - form.shift;
     Motion K[6];
     for (int j = 0; j < 6; ++j) {
       const int i = (j + form.shift) % 6;
-      K[j] = i == 5 ? unit_motion : form.reversed ? inverse(motion_of(arm_.steps[4 - i])) : motion_of(arm_.steps[i]);
+      if (i == 5) {
+        K[j] = unit_motion;
+        continue;
+      }
+      const int from = form.reversed ? 4 - i : i;
+      Motion step = motion_of(arm_.steps[from]);
+      if (from == arm_.slide) step = turn_about_z(arm_.slide_cosine, arm_.slide_sine) * step;
+      K[j] = form.reversed ? inverse(step) : step;
     }
+    for (int place = 0; place < 6 && arm_.slide >= 0; ++place)
+      if (joint_at(form, place) == arm_.slide) form.slide = place + 1;
+    if (form.slide == 3 || form.slide == 6) form.slide = 0;  // not to be used
     const auto put = [](const Motion& from, double* to) { std::copy_n(from.begin(), 12, to); };
     put(inverse(K[0]), form.K1_inverse), put(K[1], form.K2), put(inverse(K[5]), form.K6_inverse);
-    put(K[2] * turn_about_z(turn_4_cosine, turn_4_sine), form.K3);
-    put(K[3] * turn_about_z(turn_5_cosine, turn_5_sine), form.K4);
+    set_K3(form, K[2].data()), set_K4(form, K[3].data());
     put(K[4], form.K5);
-
-    // constant, cosine and sine parts by angle 5, then by angle 4
-    double line[line_size], by5[3][line_size], parts[3][3][line_size];
-    line_of_frame(form.K5, line);
-    turn_line(line, 1, by5[0], by5[1], by5[2]);
-    for (int b = 0; b < 3; ++b) {
-      double moved[line_size], by4[3][line_size];
-      move_line(form.K4, by5[b], moved);
-      turn_line(moved, 1, by4[0], by4[1], by4[2]);
-      for (int a = 0; a < 3; ++a) move_line(form.K3, by4[a], parts[a][b]);
-    }
-    // half angles: 1 = s^2 + k^2, cos = k^2 - s^2, sin = 2 s k
-    constexpr double to_half_4[3][3] = {{1, -1, 0}, {0, 0, 2}, {1, 1, 0}};
-    constexpr double to_half_5[3][3] = {{1, -1, 0}, {0, 0, std::numbers::sqrt2}, {1, 1, 0}};
-    for (int k = 0; k < 14; ++k)
-      for (int a = 0; a < 3; ++a)
-        for (int b = 0; b < 3; ++b) {
-          double sum = 0;
-          for (int i = 0; i < 3; ++i)
-            for (int j = 0; j < 3; ++j) sum += to_half_4[a][i] * to_half_5[b][j] * parts[i][j][k];
-          form.left[k][3 * a + b] = sum;
-        }
+    expand_left_line(form);
   }
 }
 
@@ -448,15 +489,13 @@ void General6R::measure_support() {
   std::vector<Motion> targets(probes);
   for (int p = 0; p < probes; ++p) {
     double c[6], s[6];
-    for (int i = 0; i < 6; ++i) {
-      const double q = numbers.between(-pi, pi);
-      c[i] = std::cos(q), s[i] = std::sin(q);
-    }
+    draw_joints(numbers, c, s);
     targets[p] = product(arm_, c, s);
     if (p % 2)
       for (int r = 0; r < 3; ++r) targets[p][4 * r + 3] = numbers.between(-1.5, 1.5);
   }
   for (LoopForm& form : arm_.forms) {
+    if (!takes_slide(form, arm_.slide)) continue;
     std::vector<double> sizes[13];
     for (const Motion& G : targets) {
       double size[13];
@@ -479,22 +518,62 @@ void General6R::measure_support() {
   }
 }
 
+bool General6R::add_fold_partners(const double* G, Scratch& scratch, Set& set) const {
+  constexpr double nearly_singular = 1e-4, on_a_curve = 3e-9;  // least singular value of the Jacobian
+  constexpr double rounding = 4e-14, most_uncertain = 3e-2;
+  constexpr double distances[] = {1e-3, -1e-3, 2e-2, -2e-2};
+  constexpr Refinement to_a_double_root{0, 24, acceptable_residual, false};
+  FormResult& starts = scratch.partners;
+  starts.count = 0;
+  for (std::size_t k = 0; k < set.count && starts.count + 4 <= most_starts; ++k) {
+    double direction[6];
+    const double least = least_singular_value(arm_, set.c[k], set.s[k], direction);
+    if (least > nearly_singular) continue;
+    for (double distance : distances) {
+      const std::size_t at = starts.count++;
+      for (int i = 0; i < 6; ++i) {
+        const double d = distance * direction[i];
+        const bool slides = i == arm_.slide;
+        starts.cosine[i][at] = slides ? 0 : set.c[k][i] * std::cos(d) - set.s[k][i] * std::sin(d);
+        starts.sine[i][at] = slides ? set.s[k][i] + d : set.s[k][i] * std::cos(d) + set.c[k][i] * std::sin(d);
+      }
+    }
+  }
+  if (starts.count == 0) return false;
+  kernels().general->refine(arm_, G, to_a_double_root, starts);
+  for (std::size_t k = 0; k < starts.count; ++k) {
+    double c[6], s[6], direction[6];
+    for (int i = 0; i < 6; ++i) c[i] = starts.cosine[i][k], s[i] = starts.sine[i][k];
+    // as far as rounding lets it slide along a flat valley, it is the solution that it comes from
+    const double uncertain = rounding / std::max(least_singular_value(arm_, c, s, direction), 1e-12);
+    set.add(starts, k, std::clamp(uncertain, same_solution, most_uncertain));
+  }
+  double direction[6];
+  for (std::size_t k = 0; k < set.count; ++k)
+    if (least_singular_value(arm_, set.c[k], set.s[k], direction) < on_a_curve) return true;
+  return false;
+}
+
 bool General6R::run_form(int form, const double* G, Scratch& scratch, Set& set, unsigned& flags) const {
   kernels().general->solve_form(tables(), arm_, arm_.forms[form], G, scratch.form);
   flags = scratch.form.flags;
   const std::size_t before = set.count;
   set.add_all(scratch.form, same_solution);
+  if ((flags & flag_near_fold) && add_fold_partners(G, scratch, set)) flags |= flag_singular;
   // solutions come in pairs, and simple roots have one each; two roots must not have led to the same
   if (before == 0 && (set.count % 2 != 0 || set.count < scratch.form.simple_roots)) flags |= flag_lost;
+  // next to an arm that cannot reach all of space rounding may lift a double root off zero
+  if (set.count == 0 && reports_[form].median_tail > nearly_vanishing) return false;
   if (!(flags & flag_hard)) return !(flags & flag_some_requests) || (set.count > 0 && !(flags & flag_near_twins));
   // a form whose roots always coincide (spherical wrists) has doubts at every pose: what counts is that it agrees
   if (before == 0 || set.count != before || reports_[form].flagged < always_doubtful) return false;
   Set own;
   own.add_all(scratch.form, same_solution);
+  if (flags & flag_near_fold) add_fold_partners(G, scratch, own);
   return own.count == before;
 }
 
-// Tries all forms on random poses. The union of what they find is the reference; the best single form comes first, then
+// Tries the forms on random poses. The union of what they find is the reference; the best single form comes first, then
 // those that add most to it.
 void General6R::choose_forms() {
   constexpr int poses = 200, first_look = 24;
@@ -503,23 +582,30 @@ void General6R::choose_forms() {
   struct Trial {
     std::vector<double> tails, works;
     std::vector<std::array<bool, Set::capacity>> hits;
-    int flagged = 0, looked_twice = 0;
+    int flagged = 0, looked_twice = 0, looked_closely = 0;
     bool dropped = false;
   };
   Trial trials[form_count];
+  for (int f = 0; f < form_count; ++f) trials[f].dropped = !takes_slide(arm_.forms[f], arm_.slide);
   Scratch scratch;
   Sequence numbers(2);
   std::size_t known = 0, seeds_found = 0;
   std::vector<std::size_t> counts;
   for (int p = 0; p < poses; ++p) {
     double c[6], s[6];
-    for (int i = 0; i < 6; ++i) {
-      const double q = numbers.between(-pi, pi);
-      c[i] = std::cos(q), s[i] = std::sin(q);
-    }
+    draw_joints(numbers, c, s);
     const Motion G = product(arm_, c, s);
-    if (p == first_look)
-      for (Trial& trial : trials) trial.dropped = median(trial.tails) > worst_tail;
+    if (p == first_look) {
+      int clean = 0;
+      for (int f = 0; f < form_count; ++f) {
+        Trial& trial = trials[f];
+        trial.dropped = trial.dropped || median(trial.tails) > worst_tail;
+        const bool doubtful = trial.flagged >= always_doubtful * first_look;
+        // those with the target on the left take longer: only where three of the others will not do
+        if (f >= target_left_from && (clean >= 3 || (clean >= 1 && doubtful))) trial.dropped = true;
+        clean += !trial.dropped && !doubtful;
+      }
+    }
     Set all;
     std::vector<FormResult> results(form_count);
     for (int f = 0; f < form_count; ++f) {
@@ -537,6 +623,7 @@ void General6R::choose_forms() {
       trial.tails.push_back(results[f].tail), trial.works.push_back(static_cast<double>(results[f].work));
       trial.flagged += (results[f].flags & flag_hard) != 0;
       trial.looked_twice += (results[f].flags & (flag_request | flag_twins)) != 0;
+      trial.looked_closely += (results[f].flags & (flag_some_requests | flag_near_twins)) != 0;
       for (std::size_t k = 0; k < results[f].count; ++k)
         for (std::size_t j = 0; j < all.count; ++j) {
           double apart = 0;
@@ -578,6 +665,14 @@ void General6R::choose_forms() {
                                                      }) -
                                     score);
   order_ = {best};
+  // where roots coincide, or nearly do, by the structure of the arm, that they do tells nothing
+  const auto often = [&](int poses_with) {
+    return poses_with >= always_twice * static_cast<double>(trials[best].tails.size());
+  };
+  if (!often(trials[best].looked_twice))
+    unclear_ |= flag_request | flag_twins;
+  else if (!often(trials[best].looked_closely))
+    unclear_ |= flag_some_requests | flag_near_twins;
   dependable_ = usable(best) && static_cast<double>(seeds_found) >= least_seeds * poses;
   std::vector<std::array<bool, Set::capacity>> covered = trials[best].hits;
   while (order_.size() < 3) {
@@ -602,7 +697,11 @@ void General6R::choose_forms() {
 // For targets at which every form degenerates: targets nearby, and their solutions continued to the true one.
 void General6R::last_resort(const double* G, Scratch& scratch, Set& set) const {
   constexpr double sizes[] = {1e-3, 1e-2, 3e-3, 3e-2, 1e-4, 1e-2, 1e-3, 5e-2};
-  constexpr int damped_steps = 60, newton_steps = 12, most_idle = 2;
+  constexpr int most_idle = 2, most_batches = 8, patient_from = 4;
+  constexpr std::size_t patient_starts = 8;
+  constexpr double last_tolerance = 8e-10;  // m and rad: within what answers promise
+  const Refinement quick{60, 12, acceptable_residual, false};
+  const Refinement patient{300, 4, last_tolerance / std::max(scale_, 1.0), true};
   Sequence numbers(3);
   Motion target;
   std::copy_n(G, 12, target.begin());
@@ -616,7 +715,7 @@ void General6R::last_resort(const double* G, Scratch& scratch, Set& set) const {
       if (form != order_[0] && set.count > 0 && reports_[form].flagged >= always_doubtful) continue;
       kernels().general->solve_form(tables(), arm_, arm_.forms[form], displaced.data(), scratch.form);
       const unsigned flags = scratch.form.flags;
-      kernels().general->refine(arm_, G, damped_steps, newton_steps, scratch.form);
+      kernels().general->refine(arm_, G, quick, scratch.form);
       added += set.add_all(scratch.form, same_after_resort);
       if (!(flags & flag_hard)) break;
     }
@@ -624,14 +723,15 @@ void General6R::last_resort(const double* G, Scratch& scratch, Set& set) const {
   }
   // where nothing was found, and where there is no second form to confirm what was
   const int least_batches = order_.size() == 1 ? 2 : 0;
-  for (int batch = 0; batch < least_batches || (batch < 4 && set.count == 0); ++batch) {
-    scratch.form.count = most_starts;
-    for (std::size_t k = 0; k < most_starts; ++k)
-      for (int i = 0; i < 6; ++i) {
-        const double q = numbers.between(-pi, pi);
-        scratch.form.cosine[i][k] = std::cos(q), scratch.form.sine[i][k] = std::sin(q);
-      }
-    kernels().general->refine(arm_, G, damped_steps, newton_steps, scratch.form);
+  for (int batch = 0; batch < least_batches || (batch < most_batches && set.count == 0); ++batch) {
+    scratch.form.count = batch < patient_from ? most_starts : patient_starts;
+    for (std::size_t k = 0; k < scratch.form.count; ++k) {
+      double c[6], s[6];
+      draw_joints(numbers, c, s);
+      for (int i = 0; i < 6; ++i) scratch.form.cosine[i][k] = c[i], scratch.form.sine[i][k] = s[i];
+    }
+    // long valleys: axes that are nearly parallel or coincident
+    kernels().general->refine(arm_, G, batch < patient_from ? quick : patient, scratch.form);
     set.add_all(scratch.form, same_after_resort);
   }
 }
@@ -650,24 +750,23 @@ void General6R::solve_one(const double* target, GeneralMode mode, int only_form,
   bool trusted = run_form(order_[0], G, scratch, set, flags) && dependable_;
   out.flags[k] = static_cast<int>(flags);
   const bool shared = (flags & flag_third) != 0;  // not to be settled by a form that always has doubts
-  // where roots coincide by the structure of the arm, that they do tells nothing
-  const unsigned unclear = reports_[order_[0]].looked_twice < always_twice ? flag_request | flag_twins
-                                                                           : flag_some_requests | flag_near_twins;
   const bool again =
-      !trusted || mode == GeneralMode::complete || (mode == GeneralMode::checked && (flags & unclear) != 0);
+      !trusted || mode == GeneralMode::complete || (mode == GeneralMode::checked && (flags & unclear_) != 0);
   if (again && order_.size() > 1) {
     const bool second = run_form(order_[1], G, scratch, set, flags);
-    out.flags[k] |= solve_second_form;
+    out.flags[k] |= solve_second_form | static_cast<int>(flags & flag_singular);
     trusted = trusted || (second && dependable_ && !(shared && (flags & flag_hard)));
     if (!trusted && order_.size() > 2) {
       trusted = run_form(order_[2], G, scratch, set, flags) && dependable_ && !(shared && (flags & flag_hard));
-      out.flags[k] |= solve_third_form;
+      out.flags[k] |= solve_third_form | static_cast<int>(flags & flag_singular);
     }
   }
   if (!trusted) {
     out.flags[k] |= solve_doubtful | solve_last_resort;
     last_resort(G, scratch, set);
+    if (add_fold_partners(G, scratch, set)) out.flags[k] |= static_cast<int>(flag_singular);
   }
+  if (out.flags[k] & static_cast<int>(flag_singular)) out.flags[k] |= solve_doubtful;
   set.keep_most_regular(arm_);
   write(target, set, out, k);
 }
@@ -682,6 +781,10 @@ void General6R::write(const double* target, const Set& set, const GeneralResults
   std::array<double, 6> rows[most_solutions];
   for (std::size_t j = 0; j < count; ++j)
     for (int i = 0; i < 6; ++i) {
+      if (i == arm_.slide) {
+        rows[j][i] = set.s[j][i] * scale_;
+        continue;
+      }
       double angle = angles[6 * j + i] - offset_[i];
       if (angle > pi) angle -= 2 * pi;
       if (angle <= -pi) angle += 2 * pi;

@@ -2,7 +2,8 @@
 
 The fourteen equations of Raghavan and Roth are set up by sampling products of motions, eliminated by a singular value
 decomposition, and put into the 12x12 dialytic determinant. Sampled on the circle, the determinant is a trigonometric
-polynomial of degree 8; its roots come from the companion matrix of the complex polynomial of degree 16.
+polynomial of degree 8; its roots come from the companion matrix of the complex polynomial of degree 16. A prismatic joint has
+1, d, d^2 where the others have 1, cos t, sin t; it may neither remain nor be dropped.
 """
 
 from __future__ import annotations
@@ -20,6 +21,28 @@ def turn(angle: float) -> np.ndarray:
     return np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
 
 
+def slide(d: float) -> np.ndarray:
+    """Tz, (4, 4)."""
+    T = np.eye(4)
+    T[2, 3] = d
+    return T
+
+
+# the motion of a joint; three values of it and what its terms are there; the terms on s^2, s k, k^2
+TURNING = (
+    turn,
+    THIRDS,
+    np.stack([np.ones(3), np.cos(THIRDS), np.sin(THIRDS)], axis=1),
+    np.array([[1, -1, 0], [0, 0, 2], [1, 1, 0.0]]),  # 1 = s^2 + k^2, cos = k^2 - s^2, sin = 2 s k
+)
+SLIDING = (
+    slide,
+    np.array([-1.0, 0.0, 1.0]),
+    np.array([[1, -1, 1], [1, 0, 0], [1, 1, 1.0]]),
+    np.array([[0, 0, 1], [0, 1, 0], [1, 0, 0.0]]),  # d = s / k
+)
+
+
 def fourteen(T: np.ndarray) -> np.ndarray:
     """l, p, p.p, p.l, p x l, (p.p) l - 2 (p.l) p of the z axis and origin of a frame."""
     direction, p = T[:3, 2], T[:3, 3]
@@ -28,12 +51,10 @@ def fourteen(T: np.ndarray) -> np.ndarray:
     )
 
 
-def bilinear(motion) -> np.ndarray:
-    """Coefficients (14, 3, 3) on (1, cos a, sin a) x (1, cos b, sin b) of the fourteen numbers of ``motion(a, b)``."""
-    basis = np.stack([np.ones(3), np.cos(THIRDS), np.sin(THIRDS)], axis=1)
-    values = np.array([[fourteen(motion(a, b)) for b in THIRDS] for a in THIRDS])
-    inverse = np.linalg.inv(basis)
-    return np.einsum("ia,jb,abk->kij", inverse, inverse, values)
+def bilinear(first, second, motion) -> np.ndarray:
+    """Coefficients (14, 3, 3) on the terms of two joints, TURNING or SLIDING, of the fourteen numbers of ``motion(a, b)``."""
+    values = np.array([[fourteen(motion(a, b)) for b in second[1]] for a in first[1]])
+    return np.einsum("ia,jb,abk->kij", np.linalg.inv(first[2]), np.linalg.inv(second[2]), values)
 
 
 def loop(chain, T_base_tip: np.ndarray, remaining: int) -> list[np.ndarray]:
@@ -41,6 +62,8 @@ def loop(chain, T_base_tip: np.ndarray, remaining: int) -> list[np.ndarray]:
     frames = []
     for screw in chain.screws:
         v, w = screw[:3], screw[3:]
+        if not w.any():
+            v, w = 0.0 * v, v
         x = np.cross(w, [0.3, 0.5, 0.8])
         x /= np.linalg.norm(x)
         T = np.eye(4)
@@ -55,19 +78,26 @@ def loop(chain, T_base_tip: np.ndarray, remaining: int) -> list[np.ndarray]:
 def determinants(chain, T_base_tip: np.ndarray, remaining: int, angles: np.ndarray) -> np.ndarray:
     """The dialytic determinant at values of joint `remaining`, up to a common factor."""
     K = loop(chain, T_base_tip, remaining)
+    joints = [TURNING if turns else SLIDING for turns in np.roll(chain.is_revolute, 2 - remaining)]
+    assert joints[2] is joints[5] is TURNING
+    one, two, four, five = joints[0], joints[1], joints[3], joints[4]
     # K2 Rz3 K3 Rz4 K4 Rz5 K5 = Rz2^-1 K1^-1 Rz1^-1 K6^-1 on the z axis that Rz6 keeps
-    right = bilinear(lambda t1, t2: turn(-t2) @ np.linalg.inv(K[0]) @ turn(-t1) @ np.linalg.inv(K[5])).reshape(14, 9)
+    right = bilinear(
+        one, two, lambda t1, t2: two[0](-t2) @ np.linalg.inv(K[0]) @ one[0](-t1) @ np.linalg.inv(K[5])
+    ).reshape(14, 9)
     U, _, _ = np.linalg.svd(right[:, 1:])
     rows = U[:, 8:].T  # six rows that annihilate every term with t1 or t2
     constant = rows @ right[:, 0]
     out = []
     for angle in angles:
-        left = bilinear(lambda t4, t5, a=angle: K[1] @ turn(a) @ K[2] @ turn(t4 + 0.7) @ K[3] @ turn(t5 - 0.4) @ K[4])
+        left = bilinear(
+            four,
+            five,
+            lambda t4, t5, a=angle: K[1] @ turn(a) @ K[2] @ four[0](t4 + 0.7) @ K[3] @ five[0](t5 - 0.4) @ K[4],
+        )
         trigonometric = np.einsum("rk,kij->rij", rows, left)
         trigonometric[:, 0, 0] -= constant
-        # half angles: 1 = s^2 + k^2, cos = k^2 - s^2, sin = 2 s k; coefficients on s^2, s k, k^2
-        half = np.array([[1, -1, 0], [0, 0, 2], [1, 1, 0.0]])
-        A, B, C = np.einsum("ai,bj,rij->arb", half, half, trigonometric)
+        A, B, C = np.einsum("ai,bj,rij->arb", four[3], five[3], trigonometric)
         zero = np.zeros((6, 3))
         out.append(np.linalg.det(np.block([[A, B, C, zero], [zero, A, B, C]])))
     return np.array(out)

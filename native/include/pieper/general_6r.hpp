@@ -1,4 +1,5 @@
-// All inverse-kinematics solutions of any arm with six revolute joints, from one trigonometric polynomial of degree 8.
+// All inverse-kinematics solutions of any arm with six revolute joints, or five and a prismatic one, from one trigonometric
+// polynomial of degree 8.
 // The mathematics is in docs/derivations/general_6r.md.
 #pragma once
 
@@ -10,8 +11,11 @@
 
 namespace pieper {
 
-// No arm with six revolute joints has more isolated solutions (Primrose 1986).
+// No arm with six revolute joints has more isolated solutions (Primrose 1986), and none with a slide among them.
 inline constexpr std::size_t most_solutions = 16;
+
+// Residual of the loop [rad, lengths of the scaled arm] at which joints count as a solution.
+inline constexpr double acceptable_residual = 1e-10;
 
 // Candidates that one form may follow up.
 inline constexpr std::size_t most_starts = 64;
@@ -34,6 +38,8 @@ enum FormFlag : unsigned {
   flag_twins = 256,          // two solutions at one angle
   flag_some_requests = 512,  // a good part of the circle was sampled again; hard where that left something unclear
   flag_near_twins = 1024,    // nearly two solutions at one angle
+  flag_near_fold = 2048,     // a solution next to a singular pose, where another may have fallen together with it
+  flag_singular = 1 << 16,   // a solution at a singular pose
 };
 
 // Rz(angle) Trans(x, y, z) Rx(twist) from one joint frame to the next, lengths divided by the scale of the arm.
@@ -41,25 +47,32 @@ struct JointStep {
   double x, y, z, cos_twist, sin_twist;
 };
 
-// One of six ways to write the loop Rz1 K1 Rz2 K2 ... Rz6 K6 = 1: which joint remains when the others are eliminated.
+// One of twelve ways to write the loop Rz1 K1 Rz2 K2 ... Rz6 K6 = 1: which joint remains when the others are eliminated. A
+// prismatic joint has Tz(d) in place of Rz(t).
 struct LoopForm {
   int shift;      // new joint i is joint (i + shift) mod 6 of the loop
   bool reversed;  // the loop walked from the tip to the base
-  int target_in;  // which of K1, K2, K6 holds the target
+  int target_in;  // which of K1 ... K6 holds the target
+  int slide = 0;  // which joint of the loop is prismatic: 1, 2, 4 or 5; 0 for none
   // 3x4, row-major; those that hold the target are filled in for each pose.
   double K1_inverse[12], K2[12], K6_inverse[12];
   double K3[12], K4[12], K5[12];  // K3 and K4 with the generic turns of the angles 4 and 5
   double left[14][9];             // the numbers of the left line on (s4^2, s4 k4, k4^2) x (s5^2, sqrt2 s5 k5, k5^2)
+  double one[9];                  // 1 on them
   int harmonics = 8;              // of the determinant, in tau
   bool even = false;              // only even harmonics: tau = 2 t, else tau = t
   int samples = 24;
 };
 
-inline constexpr int form_count = 6;
+inline constexpr int form_count = 12;
 
 // What the kernels need of an arm; plain data.
 struct GeneralArm {
   JointStep steps[5];
+  // The prismatic joint, -1 for none: Tz(d), then the constant turn about z that the angle of a revolute joint would hold.
+  // Wherever joints are given by cosines and sines, those of a prismatic one are 0 and d.
+  int slide = -1;
+  double slide_cosine = 1, slide_sine = 0;
   LoopForm forms[form_count];
 };
 
@@ -76,7 +89,7 @@ struct TrigonometricTables {
   alignas(64) double local_fit[16][16];  // [sample][0..11 monomials, 12..15 Chebyshev tail]
 };
 
-// Solutions of one form: cosines and sines of the joint angles in the frames of GeneralArm.
+// Solutions of one form: cosines and sines of the joint angles in the frames of GeneralArm (0 and d of a prismatic joint).
 struct FormResult {
   alignas(64) double cosine[6][most_starts];
   alignas(64) double sine[6][most_starts];
@@ -88,12 +101,19 @@ struct FormResult {
   std::size_t work = 0;  // counted steps, in units of about a tenth of a microsecond: the same on every machine
 };
 
+// How joints are iterated towards a target.
+struct Refinement {
+  int damped_steps, newton_steps;
+  double residual;  // that counts as arrived
+  bool wandering;   // damped by the residual alone, and every step is taken
+};
+
 // The parts that exist once per instruction set; Kernels points to them.
 struct GeneralKernels {
   // One form for one target (3x4).
   void (*solve_form)(const TrigonometricTables&, const GeneralArm&, const LoopForm&, const double* G, FormResult&);
-  // Iterates the joints in FormResult towards the target and keeps those that arrive.
-  void (*refine)(const GeneralArm&, const double* G, int damped_steps, int newton_steps, FormResult&);
+  // Iterates the joints in FormResult towards the target and keeps those that arrive within a residual.
+  void (*refine)(const GeneralArm&, const double* G, const Refinement&, FormResult&);
   // Angles in [-pi, pi] of unit pairs; reads and writes up to seven numbers beyond `count`.
   void (*angles)(const double* cosine, const double* sine, std::size_t count, double* out);
   // Sizes of the 13 harmonics of the determinant; false when it vanishes.
@@ -132,7 +152,7 @@ struct FormReport {
 
 class General6R {
  public:
-  // The chain must have six revolute joints without couplings, and must outlive this object.
+  // The chain must have six revolute joints, or five and a prismatic one, without couplings, and must outlive this object.
   explicit General6R(const Chain&);
   General6R(const General6R&) = delete;
   General6R& operator=(const General6R&) = delete;
@@ -140,7 +160,7 @@ class General6R {
   static bool fits(const Chain&);
 
   void solve(const double* targets, std::size_t count, GeneralMode, std::size_t threads, const GeneralResults&) const;
-  // For measurements: one form alone (0 ... 5), without merging with others.
+  // For measurements: one form alone (0 ... 11), without merging with others.
   void solve_one_form(int form, const double* targets, std::size_t count, const GeneralResults&) const;
 
   const std::vector<FormReport>& reports() const { return reports_; }
@@ -153,6 +173,11 @@ class General6R {
   void measure_support();
   void choose_forms();
   void normalise_target(const double* target, double* G) const;
+  template <class Numbers>
+  void draw_joints(Numbers&, double* c, double* s) const;
+  // The other one of two solutions that have nearly met: looked for to both sides of those next to a singular pose.
+  // True when one of them is at a singular pose: it may belong to a curve of solutions.
+  bool add_fold_partners(const double* G, Scratch&, Set&) const;
   // Adds what a form finds; true when that can be trusted to be all.
   bool run_form(int form, const double* G, Scratch&, Set&, unsigned& flags) const;
   void solve_one(const double* target, GeneralMode, int only_form, Scratch&, const GeneralResults&,
@@ -164,10 +189,13 @@ class General6R {
   GeneralArm arm_;
   double scale_ = 1;
   double base_inverse_[12], tip_inverse_[12];  // G = base_inverse T tip_inverse, before scaling
-  double offset_[6];                           // joint angle in the frames of arm_ = q + offset
+  double offset_[6];                           // joint angle in the frames of arm_ = q + offset; 0 for a slide
+  double slide_low_ = 0, slide_high_ = 0;      // where poses are tried, in scaled lengths
   std::vector<int> order_;                     // forms in the order of their use
   // False when the forms together do not find the joints that made a pose: arms whose solutions form curves everywhere.
   bool dependable_ = true;
+  // Flags of the first form after which GeneralMode::checked tries the second one.
+  unsigned unclear_ = flag_near_fold | flag_some_requests;
   std::vector<FormReport> reports_;
 };
 

@@ -8,8 +8,10 @@ namespace {
 
 using pieper::FormResult;
 
-constexpr int newton_steps = 8;
+constexpr int newton_steps = 12;
 constexpr int damped_steps = 25;
+// Least pivot of the Jacobian at a solution that may be one of two that have nearly met.
+constexpr double near_fold = 1e-3;
 // Third singular value, to the largest, below which solutions nearby do not explain it.
 constexpr double exactly_shared = 1e-8;
 
@@ -23,10 +25,10 @@ void store_joints(const Joints& q, Vec residual, FormResult& result, std::size_t
 }
 
 // Keeps the converged ones of `count` joints in place.
-void compact(FormResult& result, std::size_t count) {
+void compact(FormResult& result, std::size_t count, double residual) {
   result.count = 0;
   for (std::size_t k = 0; k < count; ++k) {
-    if (!(result.residual[k] < acceptable)) continue;
+    if (!(result.residual[k] < residual)) continue;
     for (int i = 0; i < 6; ++i)
       result.cosine[i][result.count] = result.cosine[i][k], result.sine[i][result.count] = result.sine[i][k];
     result.residual[result.count++] = result.residual[k];
@@ -55,8 +57,20 @@ int solutions_near(const FormResult& result, int i, double angle) {
   return count;
 }
 
-void solve_form(const TrigonometricTables& tables, const GeneralArm& arm, const LoopForm& form, const double* G,
+// The form with the target in it, where it is on the left: `room` holds that.
+const LoopForm& with_target(const LoopForm& form, const double* G, LoopForm& room) {
+  if (form.target_in < 3 || form.target_in > 5) return form;
+  room = form;
+  double G_inverse[12];
+  invert_motion(G, G_inverse);
+  put_target_left(room, form.reversed ? G : G_inverse);
+  return room;
+}
+
+void solve_form(const TrigonometricTables& tables, const GeneralArm& arm, const LoopForm& given, const double* G,
                 FormResult& result) {
+  LoopForm room;
+  const LoopForm& form = with_target(given, G, room);
   Equations equations;
   eliminate_outer_joints(form, G, equations);
   RootFinder roots(tables, form, equations);
@@ -79,15 +93,17 @@ void solve_form(const TrigonometricTables& tables, const GeneralArm& arm, const 
     back_substitute(form, equations, row, q);
     const Joints start = q;
     Vec residual;
-    std::size_t steps = newton(arm, G, valid, q, residual, newton_steps);
+    Vec pivot = splat(1.0);
+    std::size_t steps = newton(arm, G, valid, q, residual, pivot, newton_steps);
     const IntVec failed = valid & none(residual < acceptable);
     if (any(failed)) {
       Joints again = start;
       Vec left;
       steps += 2 * damped(arm, G, failed, again, left, damped_steps);
-      steps += newton(arm, G, failed, again, left, 4);
+      steps += newton(arm, G, failed, again, left, pivot, 4);
       keep_better(again, left, q, residual);
     }
+    if (any(valid & (residual < acceptable) & (pivot < near_fold))) result.flags |= pieper::flag_near_fold;
     store_joints(q, residual, result, first);
     result.work += 4 + 2 * steps;
     for (std::size_t l = 0; l < some; ++l)
@@ -98,7 +114,7 @@ void solve_form(const TrigonometricTables& tables, const GeneralArm& arm, const 
     if (!found[shared.same_as[i]]) result.flags |= pieper::flag_lost;
     result.simple_roots += shared.same_as[i] == i;
   }
-  compact(result, starts.count);
+  compact(result, starts.count, acceptable);
   const int remaining = form.reversed ? 5 - (2 + form.shift) % 6 : (2 + form.shift) % 6;
   for (std::size_t i = 0; i < roots.count; ++i)
     if (shared.third[i] &&
@@ -108,7 +124,7 @@ void solve_form(const TrigonometricTables& tables, const GeneralArm& arm, const 
 }
 
 // Damped steps and then Newton's, on the joints that `result` holds.
-void refine(const GeneralArm& arm, const double* G, int some_damped, int some_newton, FormResult& result) {
+void refine(const GeneralArm& arm, const double* G, const pieper::Refinement& how, FormResult& result) {
   for (std::size_t first = 0; first < result.count; first += lanes) {
     const std::size_t some = result.count - first < lanes ? result.count - first : lanes;
     const IntVec valid = first_lanes(some);
@@ -116,11 +132,15 @@ void refine(const GeneralArm& arm, const double* G, int some_damped, int some_ne
     load_joints(result, first, q);
     for (int i = 0; i < 6; ++i) q.c[i] = select(valid, q.c[i], splat(1.0)), q.s[i] = select(valid, q.s[i], splat(0.0));
     Vec residual;
-    damped(arm, G, valid, q, residual, some_damped);
-    newton(arm, G, valid, q, residual, some_newton);
+    if (how.wandering)
+      wander(arm, G, valid, q, residual, how.damped_steps);
+    else
+      damped(arm, G, valid, q, residual, how.damped_steps);
+    Vec pivot;
+    newton(arm, G, valid, q, residual, pivot, how.newton_steps);
     store_joints(q, residual, result, first);
   }
-  compact(result, result.count);
+  compact(result, result.count, how.residual);
 }
 
 // A rough arc tangent (Hastings, Approximations for Digital Computers, 1955, sheet 11), set right by its own sine and cosine.
@@ -141,7 +161,9 @@ void angles(const double* cosine, const double* sine, std::size_t count, double*
 }
 
 // |c_k| of the determinant of one form at one target, divided by the largest sample; `most` harmonics in t, from 24 samples.
-bool spectrum(const TrigonometricTables& tables, const LoopForm& form, const double* G, double* size) {
+bool spectrum(const TrigonometricTables& tables, const LoopForm& given, const double* G, double* size) {
+  LoopForm room;
+  const LoopForm& form = with_target(given, G, room);
   Equations equations;
   eliminate_outer_joints(form, G, equations);
   double f[24], largest = 0;

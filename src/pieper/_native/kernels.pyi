@@ -155,7 +155,7 @@ class NativeGeneral6R:
         """
 
     def solve_one_form(self, form: int, targets: object) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.bool_], numpy.typing.NDArray[numpy.int32]]:
-        """As solve(), by one of the six forms alone; to measure them."""
+        """As solve(), by one of the twelve forms alone; to measure them."""
 
     @property
     def reports(self) -> list[FormReport]:

@@ -1,4 +1,4 @@
-"""All solutions of any arm with six revolute joints, from one trigonometric polynomial of degree 8.
+"""All solutions of any arm with six joints, revolute or one of them prismatic, from one trigonometric polynomial of degree 8.
 
 The loop closure ``Rz(q1) C1 ... Rz(q6) C6 = T`` is reduced by the elimination of Raghavan and Roth to a 12x12 determinant
 in one remaining joint angle t. Sampled on the circle it is exactly
@@ -6,8 +6,9 @@ in one remaining joint angle t. Sampled on the circle it is exactly
     det(t) = c_0 + sum over k = 1 ... 8 of A_k cos(k t) + B_k sin(k t),
 
 so its real roots, at most 16, are all the values that this joint can take. Nothing is derived or generated for an arm:
-`prepare` measures its six forms (which joint remains) on some hundred poses and keeps the best. The derivation is in
-``docs/derivations/general_6r.md``.
+`prepare` measures its twelve forms (which joint remains, and the direction of the loop) on some hundred poses and keeps
+the best. A prismatic joint has its displacement and the square of it where others have cosine and sine; it never remains. The
+derivation is in ``docs/derivations/general_6r.md``.
 
 References
 ----------
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 BoolArray = NDArray[np.bool_]
 
 MOST_SOLUTIONS = 16
-"""No arm with six revolute joints has more isolated solutions (Primrose 1986)."""
+"""No arm with six revolute joints has more isolated solutions (Primrose 1986), nor has one with a slide among them."""
 
 MODES = ("fast", "checked", "complete")
 
@@ -71,12 +72,16 @@ class Flag(IntFlag):
     """A good part of the circle was sampled again; where nothing was found then, or `near_twins`, another form ran."""
     near_twins = 1024
     """Nearly two solutions at one angle."""
+    near_fold = 2048
+    """A solution next to a singular pose; another one was looked for to both sides of it."""
     second_form = 4096
     third_form = 8192
     last_resort = 16384
     """Targets nearby were solved, and their solutions continued to this one."""
     doubtful = 32768
-    """Every form had doubts: a solution may be missing, as at targets with continuous families of solutions."""
+    """Every form had doubts, or a solution is singular: one may be missing, as where solutions form curves."""
+    singular = 65536
+    """A solution at a singular pose: the end of two that have met, or a member of a curve of solutions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +110,8 @@ class GeneralSolutions:
     Attributes
     ----------
     q : (..., 16, 6) array
-        Joint angles [rad] in (-pi, pi], sorted; NaN where ``valid`` is False. Joint limits are not looked at.
+        Joint angles [rad] in (-pi, pi] and displacements [m], sorted; NaN where ``valid`` is False. Joint limits are not
+        looked at.
     valid : (..., 16) bool array
     position_error, rotation_error : (..., 16) arrays
         Measured at the pose that forward kinematics gives [m] and [rad].
@@ -130,7 +136,7 @@ _prepared: WeakKeyDictionary[Chain, General6R] = WeakKeyDictionary()
 
 def fits(chain: Chain) -> bool:
     """True when the general solver takes this arm."""
-    return not chain.is_coupled and len(chain.screws) == 6 and bool(chain.is_revolute.all())
+    return not chain.is_coupled and len(chain.screws) == 6 and int(chain.is_revolute.sum()) >= 5
 
 
 def prepare(chain: Chain) -> General6R:
@@ -139,7 +145,7 @@ def prepare(chain: Chain) -> General6R:
     Raises
     ------
     ArrayError
-        The chain has not six revolute joints, or mimic joints.
+        The chain has not six joints, or more than one prismatic one, or mimic joints.
 
     Examples
     --------
@@ -153,8 +159,9 @@ def prepare(chain: Chain) -> General6R:
     if not fits(chain):
         turning = int(chain.is_revolute.sum())
         raise ArrayError(
-            f"the general solver takes six revolute joints without mimic joints; {chain.name!r} has {len(chain.screws)} "
-            f"axes, {turning} of them revolute{', and mimic joints' if chain.is_coupled else ''}: use the numeric solver"
+            f"the general solver takes six joints, all revolute or one of them prismatic, without mimic joints; "
+            f"{chain.name!r} has {len(chain.screws)} axes, {turning} of them revolute"
+            f"{', and mimic joints' if chain.is_coupled else ''}: use the numeric solver"
         )
     made = General6R(kernels.NativeGeneral6R(chain.native))
     return _prepared.setdefault(chain, made)
@@ -163,12 +170,12 @@ def prepare(chain: Chain) -> General6R:
 def solve_general_6r(
     chain: Chain, T_base_tip: ArrayLike, *, mode: str = "checked", threads: int = 1
 ) -> GeneralSolutions:
-    """All joint angles of an arm with six revolute joints that bring its tip to a pose.
+    """All joint values of an arm with six joints that bring its tip to a pose.
 
     Parameters
     ----------
     chain : Chain
-        Six revolute joints; any geometry.
+        Six revolute joints, or five and a prismatic one at any place; any geometry.
     T_base_tip : (..., 4, 4) array
         Poses of the tip in the base frame [m, -].
     mode : str
@@ -188,8 +195,9 @@ def solve_general_6r(
 
     Notes
     -----
-    Where solutions form curves (a stretched wrist), up to 16 members are returned. Two solutions closer than 1e-6 rad, or
-    than the square root of what rounding leaves, count as one.
+    Where solutions form curves (a stretched wrist), up to 16 members are returned, and `Flag.doubtful` is set. Two solutions
+    closer than 1e-6 rad, or than the square root of what rounding leaves, count as one. On arms whose solutions form curves
+    everywhere (four parallel axes, coincident axes) every answer is doubtful.
 
     Examples
     --------

@@ -4,24 +4,25 @@
 //   K2 Rz3 v(t4, t5) = Rz(-t2) K1^-1 Rz(-t1) K6^-1 (z axis).
 // On the right the six z numbers are z0 + A0 cos t1 + A1 sin t1, and the four pairs, as complex numbers,
 // e^{-i t2} (al + be cos t1 + ga sin t1). Four real rows annihilate A0 and A1, one complex row annihilates al, be, ga.
+// A slide in place of joint 1 puts (d1, d1^2) in place of (cos t1, sin t1). A slide in place of joint 2 leaves six other
+// numbers alone, with four rows again; two rows annihilate d2 and d2^2 in the eight that it changes.
 #pragma once
 
 #include <cmath>
 
 #include "pieper/general_6r.hpp"
 #include "simd/general_6r/lane_math.hpp"
-#include "simd/general_6r/line_numbers.hpp"
+#include "simd/general_6r/left_line.hpp"
 
 namespace {
-
-using pieper::LoopForm;
 
 // The equations of one target and what is kept for the way back.
 struct Equations {
   alignas(64) double S[3][9][8];  // constant, cos t3, sin t3; column; row (six, padded)
   double K1_inverse[12], K2[12], K6_inverse[12];
-  double z0[6], pseudo_inverse[2][6];
-  double pairs[3][4][2];  // al, be, ga
+  double z0[6], pseudo_inverse[2][6];  // of the numbers that joint 2 leaves alone
+  double pairs[3][4][2];               // al, be, ga
+  double before_slide[3];              // where joint 2 slides: p_z before it, on (1, cos t1, sin t1)
 };
 
 inline void invert_motion(const double* K, double* out) {
@@ -51,6 +52,56 @@ inline double dot_six(const double* a, const double* b) {
   return sum;
 }
 
+// The two rows on the fourteen numbers for a slide in place of joint 2; `f` are the numbers before the slide: constant and
+// with cos t1 and sin t1.
+inline void rows_past_slide(const double (*f)[line_size], const double (*pseudo_inverse)[6], double (*out)[line_size]) {
+  // what d2 and d2^2 are multiplied by in the eight numbers, constant and with cos t1 and sin t1
+  double columns[6][8], reflections[6][8], factors[6];
+  for (int j = 0; j < 3; ++j) {
+    double same[line_size], linear[line_size], quadratic[line_size];
+    slide_line(f[j], -1, same, linear, quadratic);
+    for (int k = 0; k < 8; ++k)
+      columns[2 * j][k] = linear[slid_places[k]], columns[2 * j + 1][k] = quadratic[slid_places[k]];
+  }
+  for (int j = 0; j < 6; ++j) {
+    double* v = reflections[j];
+    double square = 1e-300;
+    for (int i = 0; i < 8; ++i) v[i] = i < j ? 0 : columns[j][i], square += v[i] * v[i];
+    const double alpha = v[j] < 0 ? std::sqrt(square) : -std::sqrt(square);
+    v[j] -= alpha;
+    factors[j] = -1 / (alpha * v[j]);
+    for (int k = j + 1; k < 6; ++k) {
+      double part = 0;
+      for (int i = j; i < 8; ++i) part += v[i] * columns[k][i];
+      part *= factors[j];
+      for (int i = j; i < 8; ++i) columns[k][i] -= part * v[i];
+    }
+  }
+  for (int r = 0; r < 2; ++r) {
+    double row[8] = {};
+    row[6 + r] = 1;
+    for (int j = 5; j >= 0; --j) {
+      double part = 0;
+      for (int i = j; i < 8; ++i) part += reflections[j][i] * row[i];
+      part *= factors[j];
+      for (int i = j; i < 8; ++i) row[i] -= part * reflections[j][i];
+    }
+    // what is left of cos t1 and sin t1 goes against the numbers that joint 2 leaves alone
+    double with[3] = {0, 0, 0}, square = 1;
+    for (int j = 0; j < 3; ++j)
+      for (int k = 0; k < 8; ++k) with[j] += row[k] * f[j][slid_places[k]];
+    double still[6];
+    for (int k = 0; k < 6; ++k) {
+      still[k] = -(with[1] * pseudo_inverse[0][k] + with[2] * pseudo_inverse[1][k]);
+      with[0] += still[k] * f[0][still_places[k]], square += still[k] * still[k];
+    }
+    const double scale = 1 / std::sqrt(square);
+    for (int k = 0; k < 8; ++k) out[r][slid_places[k]] = scale * row[k];
+    for (int k = 0; k < 6; ++k) out[r][still_places[k]] = scale * still[k];
+    out[r][at_one] = -scale * with[0];
+  }
+}
+
 // `G` is the pose that the arm has to take in its own frames (3x4).
 inline void eliminate_outer_joints(const LoopForm& form, const double* G, Equations& out) {
   copy_motion(form.K1_inverse, out.K1_inverse), copy_motion(form.K2, out.K2),
@@ -65,11 +116,12 @@ inline void eliminate_outer_joints(const LoopForm& form, const double* G, Equati
 
   double line[line_size], turned[3][line_size], f[3][line_size];
   line_of_frame(out.K6_inverse, line);
-  turn_line(line, -1, turned[0], turned[1], turned[2]);
+  (form.slide == 1 ? slide_line : turn_line)(line, -1, turned[0], turned[1], turned[2]);
   for (int k = 0; k < 3; ++k) move_line(out.K1_inverse, turned[k], f[k]);
 
   double A[2][6];
-  for (int k = 0; k < 6; ++k) out.z0[k] = f[0][z_places[k]], A[0][k] = f[1][z_places[k]], A[1][k] = f[2][z_places[k]];
+  const int* alone = form.slide == 2 ? still_places : z_places;
+  for (int k = 0; k < 6; ++k) out.z0[k] = f[0][alone[k]], A[0][k] = f[1][alone[k]], A[1][k] = f[2][alone[k]];
   for (int j = 0; j < 3; ++j)
     for (int k = 0; k < 4; ++k)
       out.pairs[j][k][0] = f[j][pair_places[k]], out.pairs[j][k][1] = f[j][pair_places[k] + 1];
@@ -91,9 +143,21 @@ inline void eliminate_outer_joints(const LoopForm& form, const double* G, Equati
     out.pseudo_inverse[0][i] = (rows[0][i] - r01 * out.pseudo_inverse[1][i]) / r00;
   }
 
-  // the complex row: cofactors of the 4x3 matrix (al be ga)
-  double nu[4][2];
-  {
+  // the six rows on the numbers of the line, one per lane, and their constant terms
+  alignas(64) double n[line_size][8] = {};
+  for (int r = 0; r < 4; ++r) {
+    for (int k = 0; k < 6; ++k) n[alone[k]][r] = rows[r + 2][k];
+    n[at_one][r] = -dot_six(rows[r + 2], out.z0);
+  }
+  if (form.slide == 2) {
+    double two[2][line_size];
+    rows_past_slide(f, out.pseudo_inverse, two);
+    for (int r = 0; r < 2; ++r)
+      for (int k = 0; k < line_size; ++k) n[k][4 + r] = two[r][k];
+    for (int j = 0; j < 3; ++j) out.before_slide[j] = f[j][at_p + 2];
+  } else {
+    // the complex row: cofactors of the 4x3 matrix (al be ga)
+    double nu[4][2];
     const auto &al = out.pairs[0], &be = out.pairs[1], &ga = out.pairs[2];
     double w[4][4][2];  // minors of be and ga
     for (int i = 0; i < 4; ++i)
@@ -112,17 +176,10 @@ inline void eliminate_outer_joints(const LoopForm& form, const double* G, Equati
     }
     const double norm = 1 / std::sqrt(square);
     for (auto& number : nu) number[0] *= norm, number[1] *= norm;
-  }
-
-  // the six rows on the numbers of the line, one per lane, and their constant terms
-  alignas(64) double n[line_size][8] = {};
-  for (int r = 0; r < 4; ++r) {
-    for (int k = 0; k < 6; ++k) n[z_places[k]][r] = rows[r + 2][k];
-    n[at_one][r] = -dot_six(rows[r + 2], out.z0);
-  }
-  for (int k = 0; k < 4; ++k) {
-    n[pair_places[k]][4] = nu[k][0], n[pair_places[k] + 1][4] = -nu[k][1];
-    n[pair_places[k]][5] = nu[k][1], n[pair_places[k] + 1][5] = nu[k][0];
+    for (int k = 0; k < 4; ++k) {
+      n[pair_places[k]][4] = nu[k][0], n[pair_places[k] + 1][4] = -nu[k][1];
+      n[pair_places[k]][5] = nu[k][1], n[pair_places[k] + 1][5] = nu[k][0];
+    }
   }
 
   for (std::size_t first = 0; first < 6; first += lanes) {
@@ -153,7 +210,7 @@ inline void eliminate_outer_joints(const LoopForm& form, const double* G, Equati
     back[at_one] = in[at_one] + with_t(in + at_p) + tt * in[at_pp];
 
     for (int c = 0; c < 9; ++c) {
-      Vec constant = c == 0 || c == 2 || c == 6 || c == 8 ? back[at_one] : splat(0.0);
+      Vec constant = form.one[c] * back[at_one];
       for (int k : z_places) constant += back[k] * form.left[k][c];
       Vec cosine = splat(0.0), sine = splat(0.0);
       for (int k : pair_places) {

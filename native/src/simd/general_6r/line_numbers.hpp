@@ -1,7 +1,8 @@
 // Fourteen numbers of a line with a point on it, in which rotations about z and rigid motions act linearly.
 //
 // For direction l and point p: l, p, p.p, p.l, m = p x l, h = (p.p) l - 2 (p.l) p. After two joint rotations each is
-// trigonometric of degree 1 in both angles (Raghavan and Roth 1990). Internal linkage: see lanes.hpp.
+// trigonometric of degree 1 in both angles (Raghavan and Roth 1990), after a slide quadratic in its displacement. Internal
+// linkage: see lanes.hpp.
 #pragma once
 
 namespace {
@@ -13,7 +14,12 @@ enum { at_l = 0, at_p = 3, at_pp = 6, at_pl = 7, at_m = 8, at_h = 11, at_one = 1
 constexpr int z_places[6] = {2, 5, 6, 7, 10, 13};
 constexpr int pair_places[4] = {0, 3, 8, 11};
 
-// Generic turns of the angles 4 and 5 (0.618 and -1.118 rad), so that no ordinary pose has a half angle of 0 or 90 degrees.
+// The six that slides along z leave alone, and the eight that they change.
+constexpr int still_places[6] = {0, 1, 2, 3, 4, 10};
+constexpr int slid_places[8] = {5, 6, 7, 8, 9, 11, 12, 13};
+
+// Generic turns of the angles 4 and 5, so that no ordinary pose has a half angle of 0 or 90 degrees; slides are shifted.
+constexpr double turn_4 = 0.618, turn_5 = -1.118;
 constexpr double turn_4_cosine = 0.8150388984525244, turn_4_sine = 0.5794062426392174;
 constexpr double turn_5_cosine = 0.4374817745963293, turn_5_sine = -0.8992272776645771;
 
@@ -66,6 +72,18 @@ inline void turn_line(const double* v, double sign, double* constant, double* wi
     with_cosine[k] = v[k], with_cosine[k + 1] = v[k + 1];
     with_sine[k] = -sign * v[k + 1], with_sine[k + 1] = sign * v[k];
   }
+}
+
+// Tz(sign d) on v as constant + d linear + d^2 quadratic.
+inline void slide_line(const double* v, double sign, double* constant, double* linear, double* quadratic) {
+  for (int k = 0; k < line_size; ++k) constant[k] = v[k], linear[k] = quadratic[k] = 0;
+  linear[at_p + 2] = sign * v[at_one];
+  linear[at_pp] = 2 * sign * v[at_p + 2], quadratic[at_pp] = v[at_one];
+  linear[at_pl] = sign * v[at_l + 2];
+  linear[at_m] = -sign * v[at_l + 1], linear[at_m + 1] = sign * v[at_l];
+  linear[at_h] = 2 * sign * v[at_m + 1], linear[at_h + 1] = -2 * sign * v[at_m];
+  linear[at_h + 2] = -2 * sign * v[at_pl];
+  quadratic[at_h] = v[at_l], quadratic[at_h + 1] = v[at_l + 1], quadratic[at_h + 2] = -v[at_l + 2];
 }
 
 }  // namespace

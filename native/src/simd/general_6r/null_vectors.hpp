@@ -187,6 +187,36 @@ inline void split_null_space(const double (*S)[9][8], double c, double s, const 
   }
 }
 
+// Where s4 or k4 is zero (and next to it) the middle blocks of the dialytic vector vanish, and the reduced matrix does not
+// know the solution: then A b = 0 or C b = 0. Puts (s4 b, k4 b) for one of them; false when that block has no null vector.
+inline bool at_end_of_half_angle(const double (*S)[9][8], double c, double s, bool k4_is_zero, double* w) {
+  constexpr double null = 1e-10;  // squared singular value, to the sum of all
+  const int first = k4_is_zero ? 0 : 6;
+  double block[6][3], N[3][3] = {};
+  for (int i = 0; i < 3; ++i)
+    for (int r = 0; r < 6; ++r) block[r][i] = S[0][first + i][r] + c * S[1][first + i][r] + s * S[2][first + i][r];
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j)
+      for (int r = 0; r < 6; ++r) N[i][j] += block[r][i] * block[r][j];
+  const double total = N[0][0] + N[1][1] + N[2][2] + 1e-300;
+  // the largest column of the adjugate is along the null vector
+  double b[3] = {0, 0, 0}, most = 0;
+  for (int i = 0; i < 3; ++i) {
+    const double *p = N[(i + 1) % 3], *q = N[(i + 2) % 3];
+    const double column[3] = {p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]};
+    const double square = column[0] * column[0] + column[1] * column[1] + column[2] * column[2];
+    if (square <= most) continue;
+    most = square;
+    for (int k = 0; k < 3; ++k) b[k] = column[k];
+  }
+  if (!(most > 0)) return false;
+  double left = 0;
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j) left += b[i] * N[i][j] * b[j];
+  for (int i = 0; i < 3; ++i) w[k4_is_zero ? i : 3 + i] = b[i] / std::sqrt(most), w[k4_is_zero ? 3 + i : i] = 0;
+  return left < null * total * most;
+}
+
 // What the null spaces tell about the candidates.
 struct Shared {
   // A third null vector: three or more solutions have the same angle, and two vectors cannot be told from three.
@@ -235,8 +265,16 @@ inline unsigned find_some_null_vectors(const Equations& equations, const Candida
       const std::size_t number = numbers[first + l];
       const Candidate& candidate = candidates[number];
       const double s1 = lane(iteration.sigma[0], l), s2 = lane(iteration.sigma[1], l), top = lane(largest, l);
-      if (candidate.simple && !candidate.resampled && s1 > (clean_ratio + clean_growth * candidate.error) * top)
-        flags |= pieper::flag_unclean;
+      if (candidate.simple && !candidate.resampled && s1 > (clean_ratio + clean_growth * candidate.error) * top) {
+        bool explained = false;
+        for (bool k4_is_zero : {true, false}) {
+          double at_end[6];
+          if (!at_end_of_half_angle(equations.S, lane(c, l), lane(s, l), k4_is_zero, at_end)) continue;
+          explained = true;
+          starts.add(lane(c, l), lane(s, l), at_end, number);
+        }
+        if (!explained) flags |= pieper::flag_unclean;
+      }
       double w[2][6];
       for (int i = 0; i < 6; ++i) w[0][i] = lane(iteration.w[0][i], l), w[1][i] = lane(iteration.w[1][i], l);
       const double cl = lane(c, l), sl = lane(s, l);

@@ -7,14 +7,19 @@ namespace {
 
 using pieper::GeneralArm;
 
-constexpr double polished = 4e-15;    // residual [rad, lengths of the scaled arm] at which a lane is done
-constexpr double acceptable = 1e-10;  // at which it counts as a solution
+constexpr double polished = 4e-15;  // residual [rad, lengths of the scaled arm] at which a lane is done
+constexpr double acceptable = pieper::acceptable_residual;
+// Residual below which a step that does not help is the last. Above, it may have gone through a fold, where the residual of
+// the middle between two solutions is small and the way to either of them leads uphill.
+constexpr double settled = 3e-14;
 constexpr double longest_step = 0.3;  // rad
 
-// Residual of the loop at the joints: position and rotation (first order), and by `J` its columns z x (p - o), z.
+// Residual of the loop at the joints: position and rotation (first order), and by `J` its columns z x (p - o), z; those of a
+// slide are z, 0.
 struct Loop {
   Vec e[6], residual;
   Vec J[6][7];
+  Vec pivot;  // the least one of J, where a step was made
 };
 
 // `G` is the target, 3x4.
@@ -24,9 +29,14 @@ PIEPER_INLINE void evaluate(const GeneralArm& arm, const double* G, const Joints
   Vec origin[6][3];
   for (int i = 0; i < 6; ++i) {
     for (int r = 0; r < 3; ++r) origin[i][r] = O[r], loop.J[3 + r][i] = Z[r];
+    Vec c = q.c[i], s = q.s[i];
+    if (i == arm.slide) {
+      for (int r = 0; r < 3; ++r) O[r] += s * Z[r];
+      c = splat(arm.slide_cosine), s = splat(arm.slide_sine);
+    }
     for (int r = 0; r < 3; ++r) {
-      const Vec x = q.c[i] * X[r] + q.s[i] * Y[r];
-      Y[r] = q.c[i] * Y[r] - q.s[i] * X[r], X[r] = x;
+      const Vec x = c * X[r] + s * Y[r];
+      Y[r] = c * Y[r] - s * X[r], X[r] = x;
     }
     if (i == 5) break;
     const pieper::JointStep& step = arm.steps[i];
@@ -42,6 +52,8 @@ PIEPER_INLINE void evaluate(const GeneralArm& arm, const double* G, const Joints
     const Vec z[3] = {loop.J[3][i], loop.J[4][i], loop.J[5][i]};
     loop.J[0][i] = z[1] * d[2] - z[2] * d[1], loop.J[1][i] = z[2] * d[0] - z[0] * d[2];
     loop.J[2][i] = z[0] * d[1] - z[1] * d[0];
+    if (i == arm.slide)
+      for (int r = 0; r < 3; ++r) loop.J[r][i] = z[r], loop.J[3 + r][i] = splat(0.0);
   }
   Vec turn[3] = {splat(0.0), splat(0.0), splat(0.0)}, trace = splat(0.0);
   const Vec* axes[3] = {X, Y, Z};
@@ -62,9 +74,13 @@ PIEPER_INLINE void evaluate(const GeneralArm& arm, const double* G, const Joints
   loop.residual = select(loop.residual < 1e300, loop.residual, splat(1e300));  // not a number becomes large
 }
 
-// Turns the joints by small angles (at most longest_step).
-PIEPER_INLINE void turn_joints(Joints& q, const Vec* step) {
+// Moves the joints by small steps (at most longest_step).
+PIEPER_INLINE void move_joints(int slide, Joints& q, const Vec* step) {
   for (int i = 0; i < 6; ++i) {
+    if (i == slide) {
+      q.s[i] += step[i];
+      continue;
+    }
     const Vec d = step[i], z = d * d;
     const Vec s = d * (1.0 + z * (-1.0 / 6 + z * (1.0 / 120 + z * (-1.0 / 5040 + z * (1.0 / 362880)))));
     const Vec c = 1.0 + z * (-0.5 + z * (1.0 / 24 + z * (-1.0 / 720 + z * (1.0 / 40320))));
@@ -87,6 +103,8 @@ PIEPER_INLINE void newton_step(Loop& loop, Vec* step) {
   for (int r = 0; r < 6; ++r) loop.J[r][6] = loop.e[r];
   for (int j = 0; j < 5; ++j) diagonal[j] = reflect<6, 7, true>(loop.J, j, j, j + 1, 7);
   diagonal[5] = loop.J[5][5];
+  loop.pivot = magnitude(diagonal[0]);
+  for (int j = 1; j < 6; ++j) loop.pivot = smaller(loop.pivot, magnitude(diagonal[j]));
   for (int i = 5; i >= 0; --i) {
     Vec x = loop.J[i][6];
     for (int j = i + 1; j < 6; ++j) x -= loop.J[i][j] * step[j];
@@ -127,6 +145,23 @@ PIEPER_INLINE void damped_step(const Loop& loop, Vec damping, Vec* step) {
   limit_step(step);
 }
 
+// The same by reflections of J above the root of the damping: its condition is not squared.
+PIEPER_INLINE void careful_step(const Loop& loop, Vec damping, Vec* step) {
+  Vec A[12][7], diagonal[6];
+  const Vec root = square_root(damping);
+  for (int i = 0; i < 6; ++i) {
+    for (int r = 0; r < 6; ++r) A[r][i] = loop.J[r][i], A[6 + r][i] = r == i ? root : splat(0.0);
+    A[i][6] = loop.e[i], A[6 + i][6] = splat(0.0);
+  }
+  for (int j = 0; j < 6; ++j) diagonal[j] = reflect<12, 7, true>(A, j, j, j + 1, 7);
+  for (int i = 5; i >= 0; --i) {
+    Vec x = A[i][6];
+    for (int j = i + 1; j < 6; ++j) x -= A[i][j] * step[j];
+    step[i] = x / diagonal[i];
+  }
+  limit_step(step);
+}
+
 PIEPER_INLINE void keep_better(const Joints& from, Vec residual, Joints& best, Vec& best_residual) {
   const IntVec better = residual < best_residual;
   for (int i = 0; i < 6; ++i) {
@@ -136,9 +171,9 @@ PIEPER_INLINE void keep_better(const Joints& from, Vec residual, Joints& best, V
 }
 
 // Newton steps until every lane of `valid` is done or has stopped to improve. The best joints and residual of each lane
-// remain. Returns the number of steps.
+// remain, and the least pivot of the last step. Returns the number of steps.
 PIEPER_NOINLINE std::size_t newton(const GeneralArm& arm, const double* G, IntVec valid, Joints& q, Vec& residual,
-                                   int most_steps) {
+                                   Vec& pivot, int most_steps) {
   Joints best = q;
   residual = splat(1e301);
   Vec before = splat(1e301);
@@ -147,12 +182,15 @@ PIEPER_NOINLINE std::size_t newton(const GeneralArm& arm, const double* G, IntVe
     Loop loop;
     evaluate(arm, G, q, loop);
     keep_better(q, loop.residual, best, residual);
-    const IntVec stalled = (residual < acceptable) & (loop.residual > 0.25 * before);
-    if (static_cast<int>(steps) >= most_steps || !any(valid & none((residual < polished) | stalled))) break;
+    const IntVec stalled = (residual < settled) & (loop.residual > 0.5 * before);
+    const bool done = static_cast<int>(steps) >= most_steps || !any(valid & none((residual < polished) | stalled));
+    if (done && steps > 0) break;
     before = loop.residual;
     Vec step[6];
     newton_step(loop, step);
-    turn_joints(q, step);
+    pivot = loop.pivot;
+    if (done) break;
+    move_joints(arm.slide, q, step);
   }
   q = best;
   return steps;
@@ -170,7 +208,7 @@ PIEPER_NOINLINE std::size_t damped(const GeneralArm& arm, const double* G, IntVe
     Vec step[6];
     damped_step(loop, damping, step);
     Joints tried = q;
-    turn_joints(tried, step);
+    move_joints(arm.slide, tried, step);
     Loop there;
     evaluate(arm, G, tried, there);
     const IntVec better = there.residual < residual;
@@ -182,6 +220,25 @@ PIEPER_NOINLINE std::size_t damped(const GeneralArm& arm, const double* G, IntVe
     }
   }
   return steps;
+}
+
+// The same with Chan and Lawrence's damping by the residual, which takes every step: through long valleys, where a step that
+// is an improvement is a short one.
+PIEPER_NOINLINE void wander(const GeneralArm& arm, const double* G, IntVec valid, Joints& q, Vec& residual,
+                            int most_steps) {
+  Joints best = q;
+  residual = splat(1e301);
+  for (int steps = 0;; ++steps) {
+    Loop loop;
+    evaluate(arm, G, q, loop);
+    keep_better(q, loop.residual, best, residual);
+    if (steps == most_steps || !any(valid & (residual > acceptable))) break;
+    Vec step[6];
+    const Vec size = smaller(loop.residual, splat(1.0));
+    careful_step(loop, larger(0.5 * size * size, splat(1e-26)), step);
+    move_joints(arm.slide, q, step);
+  }
+  q = best;
 }
 
 }  // namespace
