@@ -134,18 +134,7 @@ def test_near_every_kind_of_singularity_the_generating_branch_is_found(name, how
 
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(
-            name,
-            marks=pytest.mark.xfail(
-                name == "fanuc_crx10ia",
-                reason="of a curve of more than 16 answers the general solver keeps others than the generating ones",
-                strict=False,  # how many are lost depends on rounding, and so on the instruction set
-            ),
-        )
-        for name in SIX_JOINTS
-        if not find_family(chain(name)).has_closed_form
-    ],
+    [name for name in SIX_JOINTS if not find_family(chain(name)).has_closed_form],
 )
 def test_arms_without_a_closed_form_keep_the_generating_branch_at_1e_8(name):
     for words, q in near_singular(name, 1e-8).items():
