@@ -49,6 +49,9 @@ _SAME = 1e-5
 _TIGHT = 1e-9
 """[m or rad] With tolerances beyond this a target out of reach may still be near enough, which iteration finds out."""
 
+_PROBES, _LEAST_STRENGTH = 32, 1e-5
+"""Poses to look at, and the least singular value of the Jacobian, of the largest, below which an arm can hardly move in some way."""
+
 _FURTHER = 8
 """Answers to look for by iteration where a method that lists all of them has doubts."""
 
@@ -158,6 +161,7 @@ class Solver:
         self.chain = chain
         self.family: Family = find_family(chain)
         self.method = "numeric"
+        self._certain = True
         self._branches = Branches((), ())
         self._form: kernels.ClosedForm | None = None
         if self.family.complete:
@@ -167,6 +171,7 @@ class Solver:
             self._form.name_branches(self._branches.of_slot)
         elif general_6r.fits(chain):
             self.method = "general"
+            self._certain = not _is_stuck(chain)
         elif redundancy_.fits(chain):
             self.method = "redundancy"
 
@@ -225,7 +230,11 @@ class Solver:
                 pass
             else:
                 doubts, missed = found[8], found[9]
-                if doubts == 0 and (missed == 0 or max(position_tolerance, rotation_tolerance) <= _TIGHT):
+                if (
+                    self._certain
+                    and doubts == 0
+                    and (missed == 0 or max(position_tolerance, rotation_tolerance) <= _TIGHT)
+                ):
                     find_nearest: Callable[[IKSolutions], Nearest] = _nothing_missed
                     if missed:
                         kept = np.array(target), None if seed is None else np.array(seed)
@@ -287,6 +296,7 @@ class Solver:
             names = self._branches.names if chosen == "closed form" else ()
             arrays = *found[:8], _nothing_missed, *asked.tolerances, names
             answers = IKSolutions(self.chain, *arrays)
+            answers.complete &= self._certain
             again = ~answers.complete
             if max(asked.tolerances) > _TIGHT:
                 again |= answers.status == Status.unreachable
@@ -542,6 +552,13 @@ class Solver:
 def _nothing_missed(answers: IKSolutions) -> Nearest:
     shape = answers.status.shape
     return Nearest(np.full((*shape, answers.chain.dof), np.nan), *(np.full(shape, np.nan) for _ in range(3)))
+
+
+def _is_stuck(chain: Chain) -> bool:
+    """True when six joints move the tip in five ways only, or next to: answers then form curves everywhere."""
+    q = np.random.default_rng(1968).uniform(-np.pi, np.pi, (_PROBES, chain.dof))
+    strengths = np.linalg.svd(chain.native.jacobian(q), compute_uv=False)
+    return bool(np.median(strengths[:, -1] / strengths[:, 0]) < _LEAST_STRENGTH)
 
 
 def _mark_malformed(answers: IKSolutions, malformed: dict[tuple[int, ...], str]) -> None:
