@@ -87,6 +87,7 @@ PIEPER_INLINE void place_wrist(const ClosedForm& f, const Point& goal, const Sig
   const double *o1 = f.point[0], *o2 = f.point[1], *o3 = f.point[2];
   const Point c = point_of(f.meet);
   Fold fold = fold_of(f), other = fold_of(f);
+  [[maybe_unused]] constexpr double nothing = 1e-6;
   if constexpr (first_three == FirstThree::parallel_23) {
     // axes 2 and 3 cannot change the height along them: that fixes axis 1; then a triangle in the plane across them
     const Point v = goal - o1;
@@ -114,6 +115,7 @@ PIEPER_INLINE void place_wrist(const ClosedForm& f, const Point& goal, const Sig
     turn[2] = bent(f, w3, reach, signs.elbow, other);
     const Point x = turned(w3, o3, turn[2], c) - at;
     const Point z = between(f.shoulder, w2, x, y, signs.front, fold);
+    near = near | (distance <= splat(nothing * f.scale));  // axes 1 and 2 do not move the wrist
     turn[1] = turn_onto(w2, x, z);
     turn[0] = turn_onto(w1, turned(w2, turn[1], x), y);
   } else {
@@ -669,7 +671,11 @@ void solve_closed_form_of(const Folded& chain, const ClosedForm& f, const Closed
       store(out.rotation_error + k * branches + first, select(good, m.rotation, nan));
       for (std::size_t l = 0; l < lanes; ++l) valid[first + l] = get(good, l);
     }
-    out.doubtful[k] = doubtful || (f.widened > 0 && (any(near) || roots.close));
+    bool found = false;
+    for (std::size_t b = 0; b < branches; ++b) found = found || valid[b];
+    // at a fold, or where a stage leaves a turn free, nothing found does not mean that there is nothing
+    const bool unsure = f.widened > 0 || (n == 6 && !found);
+    out.doubtful[k] = doubtful || (unsure && (any(near) || roots.close));
     const bool by_roots = f.family == ClosedFormFamily::three_parallel_skew || f.first_three == FirstThree::general;
     if (polished || by_roots || any(near)) {
       bool before[branches];
