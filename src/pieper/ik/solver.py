@@ -164,14 +164,15 @@ class Solver:
         self._certain = True
         self._branches = Branches((), ())
         self._form: kernels.ClosedForm | None = None
-        if self.family.complete:
+        stuck = general_6r.fits(chain) and _is_stuck(chain)
+        if self.family.complete and not stuck:
             self.method = "closed form"
             self._branches = name_branches(chain, self.family)
             self._form = self.family.native
             self._form.name_branches(self._branches.of_slot)
         elif general_6r.fits(chain):
             self.method = "general"
-            self._certain = not _is_stuck(chain)
+            self._certain = not stuck
         elif redundancy_.fits(chain):
             self.method = "redundancy"
 
