@@ -17,6 +17,7 @@ with atheris.instrument_imports(include=["pieper"]):
     import pieper
     from pieper.errors import ArrayError, UnknownNameError
     from pieper.ik.solve import solve
+    from pieper.ik.solver import METHODS
     from pieper.kinematics import jacobian as jacobians
     from pieper.model.chain import Chain
 
@@ -105,7 +106,16 @@ def one_input(raw: bytes) -> None:
             if data.ConsumeBool():  # a pose, moved by whatever was drawn
                 target = np.eye(4)
                 target[:3, 3] = [data.ConsumeFloatInRange(-2.0, 2.0) for _ in range(3)]
-            answers = solve(arm.chain, target, seed=q if data.ConsumeBool() else None, restarts=4)
+            options = {"restarts": 4}
+            if data.ConsumeBool():
+                options["redundancy"] = some_array(data, 2)
+            if data.ConsumeBool():
+                options["count"] = data.ConsumeIntInRange(-1, 3)
+            if data.ConsumeBool():
+                options["method"] = (*METHODS, "magic")[data.ConsumeIntInRange(0, len(METHODS))]
+            if data.ConsumeBool():
+                options["samples"] = data.ConsumeIntInRange(-1, 3)
+            answers = solve(arm.chain, target, seed=q if data.ConsumeBool() else None, **options)
             assert not np.isnan(answers.q[answers.valid]).any()
             assert (answers.position_error[answers.valid] <= answers.position_tolerance).all()
         else:

@@ -428,3 +428,17 @@ def test_other_arms_are_refused():
     free_rail = Chain("free rail", free_rail.screws, free_rail.home, limits, free_rail.joint_names)
     with pytest.raises(ArrayError, match="rail slides without limits, so that there is no range to sample"):
         solve_redundant(free_rail, np.eye(4))
+
+
+def test_values_broadcast_with_the_poses():
+    arm = chain("franka_panda")
+    q = np.array([0.1, -0.5, 0.2, -2.0, 0.3, 1.6, 0.7])
+    T = fk(arm, q)
+    many = solve_redundant(arm, T, values=[[0.7, 0.1], [0.2, 0.7], [0.5, 0.6]])
+    assert many.valid.shape[:-1] == (3,)
+    for row, values in enumerate([[0.7, 0.1], [0.2, 0.7], [0.5, 0.6]]):
+        np.testing.assert_array_equal(many.q[row], solve_redundant(arm, T, values=values).q)
+    with pytest.raises(ArrayError, match="the leading axes of T_base_tip and values must broadcast"):
+        solve_redundant(arm, np.stack([T, T]), values=[[0.7], [0.2], [0.5]])
+    with pytest.raises(ArrayError, match="values must be an array of real numbers"):
+        solve_redundant(arm, T, values=[0.1, [0.2, 0.3]])

@@ -640,9 +640,9 @@ void solve_closed_form_of(const Folded& chain, const ClosedForm& f, const Closed
       const IntVec close = (m.position <= f.capture * f.scale) & (m.rotation <= f.capture);
       // off by what the difference of the arms can make of an ideal arm's answer; else by what rounding can, where several
       // folds come together
-      constexpr double enlarged = 2500, rounded = 1e-6;
-      const double most = f.widened > 0 ? enlarged * f.widened : rounded;
-      const double off = most < f.capture ? most : f.capture;
+      constexpr double enlarged = 2500, rounded = 1e-5;
+      const double most = enlarged * f.widened < f.capture ? enlarged * f.widened : f.capture;
+      const double off = f.widened > 0 ? most : rounded;
       const IntVec expected = (m.position <= off * f.scale) & (m.rotation <= off);
       IntVec lost_way = bits(splat(0.0));
       if (any(rough & close)) {

@@ -40,7 +40,7 @@ class ClosedFormSolutions(NamedTuple):
     """(..., 8): the same for the rotation [rad]."""
     doubtful: NDArray[np.bool_]
     """(...): True where answers may be missing: an arm with rounded numbers beside a fold of its ideal; and where an answer missed the pose
-    by more than the tolerance and less than 1e-6, because several folds come together or the pose is that far out of reach."""
+    by more than the tolerance and less than 1e-5, because several folds come together or the pose is that far out of reach."""
 
 
 def solve_closed_form(

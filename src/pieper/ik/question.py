@@ -85,6 +85,7 @@ def _what_is_wrong(T: FloatArray) -> str:
 
 def _numbers(value: ArrayLike) -> NDArray[np.float64]:
     try:
-        return np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
+        raw = np.asarray(value)
+        return np.asarray(raw, dtype=np.float64) if raw.dtype.kind in "biufO" else np.empty(0)
+    except (TypeError, ValueError, OverflowError):
         return np.empty(0)

@@ -35,7 +35,7 @@ from pieper.ik.numeric import solve_numeric
 from pieper.ik.swivel import Swivel, find_swivel, solve_swivel
 from pieper.ik.target import pose
 from pieper.kinematics.joints import as_joints
-from pieper.spatial._checks import FloatArray, poses, stack
+from pieper.spatial._checks import FloatArray, poses, stack, together
 from pieper.spatial.twist import exp
 
 if TYPE_CHECKING:
@@ -300,7 +300,10 @@ def solve_redundant(
         ((name, given),) = values.items()
     else:
         given = values
-    array = stack(np.atleast_1d(np.asarray(given)), ("m",), "values" if name is None else f"values of {name!r}")
+    words = "values" if name is None else f"values of {name!r}"
+    array = stack(np.atleast_1d(stack(given, (), words)), ("m",), words)
+    leading = together(T_base_tip=T.shape[:-2], values=array.shape[:-1])
+    T = np.ascontiguousarray(np.broadcast_to(T, (*leading, 4, 4)))
     if name == "swivel":
         return _solve_swivel(redundancy, T, array, swivel, tolerances)
     joint = redundancy.joint if name is None else chain.joint_index(name)

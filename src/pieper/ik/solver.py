@@ -15,7 +15,7 @@ from pieper.errors import ArrayError, unknown_name
 from pieper.ik import general_6r, partial
 from pieper.ik import redundancy as redundancy_
 from pieper.ik.branches import Branches, name_branches
-from pieper.ik.family import Family, find_family
+from pieper.ik.family import Family, find_family, size_of
 from pieper.ik.numeric import require_counts, require_tolerances, solve_numeric
 from pieper.ik.question import ask
 from pieper.ik.solutions import IKSolutions, Nearest, Status
@@ -49,8 +49,9 @@ _SAME = 1e-5
 _TIGHT = 1e-9
 """[m or rad] With tolerances beyond this a target out of reach may still be near enough, which iteration finds out."""
 
-_PROBES, _LEAST_STRENGTH = 32, 1e-5
-"""Poses to look at, and the least singular value of the Jacobian, of the largest, below which an arm can hardly move in some way."""
+_PROBES, _LEAST_STRENGTH = 32, 1e-3
+"""Poses to look at, and the least singular value of the Jacobian (lengths in units of the arm), of the largest, below which an arm
+can hardly move in some way. Common arms have 0.05 to 0.1."""
 
 _FURTHER = 8
 """Answers to look for by iteration where a method that lists all of them has doubts."""
@@ -360,6 +361,11 @@ class Solver:
             rotation_tolerance=asked.rotation_tolerance,
             threads=asked.threads,
         )
+        if found.valid.shape[:-1] != T.shape[:-2]:
+            raise ArrayError(
+                f"values of the redundancy must have shape (m,) or (..., m) with the leading axes {T.shape[:-2]} of the targets; "
+                f"these make {found.valid.shape[:-1]}"
+            )
         q, position, rotation = found.q, found.position_error, found.rotation_error
         if seeds is not None and asked.redundancy is None:
             near = asked.iterate(self.chain, T, seed=seeds, count=1)
@@ -558,7 +564,8 @@ def _nothing_missed(answers: IKSolutions) -> Nearest:
 def _is_stuck(chain: Chain) -> bool:
     """True when six joints move the tip in five ways only, or next to: answers then form curves everywhere."""
     q = np.random.default_rng(1968).uniform(-np.pi, np.pi, (_PROBES, chain.dof))
-    strengths = np.linalg.svd(chain.native.jacobian(q), compute_uv=False)
+    J = chain.native.jacobian(q) / np.array([*[size_of(chain)] * 3, 1.0, 1.0, 1.0])[:, None]
+    strengths = np.linalg.svd(J, compute_uv=False)
     return bool(np.median(strengths[:, -1] / strengths[:, 0]) < _LEAST_STRENGTH)
 
 
