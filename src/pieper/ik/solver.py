@@ -163,6 +163,9 @@ class Solver:
         self.family: Family = find_family(chain)
         self.method = "numeric"
         self._certain = True
+        self._trusts_nothing = (
+            True  # that no answer found means that there is none: not at singular poses of arms with a slide
+        )
         self._branches = Branches((), ())
         self._form: kernels.ClosedForm | None = None
         stuck = general_6r.fits(chain) and _is_stuck(chain)
@@ -174,6 +177,7 @@ class Solver:
         elif general_6r.fits(chain):
             self.method = "general"
             self._certain = not stuck
+            self._trusts_nothing = bool(chain.is_revolute.all())
         elif redundancy_.fits(chain):
             self.method = "redundancy"
 
@@ -299,6 +303,8 @@ class Solver:
             arrays = *found[:8], _nothing_missed, *asked.tolerances, names
             answers = IKSolutions(self.chain, *arrays)
             answers.complete &= self._certain
+            if not self._trusts_nothing:
+                answers.complete &= answers.valid.any(axis=-1)
             again = ~answers.complete
             if max(asked.tolerances) > _TIGHT:
                 again |= answers.status == Status.unreachable
