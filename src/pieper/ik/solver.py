@@ -236,11 +236,8 @@ class Solver:
                 pass
             else:
                 doubts, missed = found[8], found[9]
-                if (
-                    self._certain
-                    and doubts == 0
-                    and (missed == 0 or max(position_tolerance, rotation_tolerance) <= _TIGHT)
-                ):
+                tight = self._trusts_nothing and max(position_tolerance, rotation_tolerance) <= _TIGHT
+                if self._certain and doubts == 0 and (missed == 0 or tight):
                     find_nearest: Callable[[IKSolutions], Nearest] = _nothing_missed
                     if missed:
                         kept = np.array(target), None if seed is None else np.array(seed)
