@@ -22,13 +22,13 @@ import operator
 from dataclasses import dataclass
 from enum import IntFlag
 from typing import TYPE_CHECKING
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pieper._native import kernels
 from pieper.errors import ArrayError, unknown_name
+from pieper.ik.prepared import prepared
 from pieper.spatial._checks import FloatArray, poses
 
 if TYPE_CHECKING:
@@ -131,9 +131,6 @@ class GeneralSolutions:
         return np.asarray(self.valid.sum(axis=-1))
 
 
-_prepared: WeakKeyDictionary[Chain, General6R] = WeakKeyDictionary()
-
-
 def fits(chain: Chain) -> bool:
     """True when the general solver takes this arm."""
     return not chain.is_coupled and len(chain.screws) == 6 and int(chain.is_revolute.sum()) >= 5
@@ -153,9 +150,10 @@ def prepare(chain: Chain) -> General6R:
     >>> prepare(catalog.describe("ur5e").chain()).remaining_joints
     (1,)
     """
-    kept = _prepared.get(chain)
-    if kept is not None:
-        return kept
+    return prepared(chain, "general 6R", None, lambda: _make(chain))
+
+
+def _make(chain: Chain) -> General6R:
     if not fits(chain):
         turning = int(chain.is_revolute.sum())
         raise ArrayError(
@@ -163,8 +161,7 @@ def prepare(chain: Chain) -> General6R:
             f"{chain.name!r} has {len(chain.screws)} axes, {turning} of them revolute"
             f"{', and mimic joints' if chain.is_coupled else ''}: use the numeric solver"
         )
-    made = General6R(kernels.NativeGeneral6R(chain.native))
-    return _prepared.setdefault(chain, made)
+    return General6R(kernels.NativeGeneral6R(chain.native))
 
 
 def solve_general_6r(

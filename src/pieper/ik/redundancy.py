@@ -32,6 +32,7 @@ from pieper.ik.closed_form import solve_closed_form
 from pieper.ik.curve import NearestPoint, SolutionCurve, crossing, follow
 from pieper.ik.family import Family, find_family
 from pieper.ik.numeric import solve_numeric
+from pieper.ik.prepared import prepared
 from pieper.ik.swivel import Swivel, find_swivel, solve_swivel
 from pieper.ik.target import pose
 from pieper.kinematics.joints import as_joints
@@ -189,10 +190,10 @@ def prepare(chain: Chain) -> Redundancy:
     >>> print(prepare(catalog.describe("franka_panda").chain()).reason)
     panda_joint7 is given; of the other six, axes 4, 5 and 6 meet (spherical wrist), and axes 1 and 2 meet, read from the tip: up to 8 answers (exact)
     """
-    # not in a dictionary with weak keys: the values hold the chain, which would then never go
-    kept: Redundancy | None = vars(chain).get("_redundancy")
-    if kept is not None:
-        return kept
+    return prepared(chain, "redundancy", None, lambda: _make(chain))
+
+
+def _make(chain: Chain) -> Redundancy:
     if chain.dof != _JOINTS or chain.is_coupled:
         more = "; lock all but seven first, or use the numeric solver" if chain.dof > _JOINTS else ""
         mimic = " and mimic joints" if chain.is_coupled else ""
@@ -216,7 +217,7 @@ def prepare(chain: Chain) -> Redundancy:
         swivel = find_swivel(chain)
     except ArrayError:
         swivel = None
-    made: Redundancy = vars(chain).setdefault("_redundancy", Redundancy(chain, joint, rest, family, swivel))
+    made = Redundancy(chain, joint, rest, family, swivel)
     return made
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from pieper.ik.prepared import prepared
 from pieper.ik.solver import Solver
 
 if TYPE_CHECKING:
@@ -16,9 +17,7 @@ if TYPE_CHECKING:
 
 def solver(chain: Chain) -> Solver:
     """The solver of a chain, made once (a few milliseconds) and kept with the chain, as long as that lives."""
-    # not in a dictionary with weak keys: the solver holds its chain, which would then never go
-    kept: Solver | None = vars(chain).get("_solver")
-    return kept if kept is not None else vars(chain).setdefault("_solver", Solver(chain))
+    return prepared(chain, "solver", None, lambda: Solver(chain))
 
 
 def solve(chain: Chain, target: ArrayLike | Target, *, seed: ArrayLike | None = None, **options: Any) -> IKSolutions:
