@@ -217,8 +217,7 @@ def _make(chain: Chain) -> Redundancy:
         swivel = find_swivel(chain)
     except ArrayError:
         swivel = None
-    made = Redundancy(chain, joint, rest, family, swivel)
-    return made
+    return Redundancy(chain, joint, rest, family, swivel)
 
 
 def solve_redundant(
