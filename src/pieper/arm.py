@@ -21,9 +21,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from pieper.ik.curve import SolutionCurve
+    from pieper.ik.info import IKInfo
     from pieper.ik.projection import Projections
     from pieper.ik.solutions import IKSolutions
-    from pieper.ik.solver import IKInfo, Solver
+    from pieper.ik.solver import Solver
     from pieper.ik.target import Target
     from pieper.model.dh import DhTable
     from pieper.model.package import PackageFolders

@@ -16,6 +16,7 @@ from pieper.ik import general_6r, partial
 from pieper.ik import redundancy as redundancy_
 from pieper.ik.branches import Branches, name_branches
 from pieper.ik.family import Family, find_family, size_of
+from pieper.ik.info import IKInfo
 from pieper.ik.numeric import require_counts, require_tolerances, solve_numeric
 from pieper.ik.question import ask
 from pieper.ik.solutions import IKSolutions, Nearest, Status
@@ -57,54 +58,6 @@ _FURTHER = 8
 """Answers to look for by iteration where a method that lists all of them has doubts."""
 
 BoolArray = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class IKInfo:
-    """How an arm is solved.
-
-    Attributes
-    ----------
-    method : str
-        ``"closed form"``, ``"general"`` (the polynomial of six joints), ``"redundancy"`` (seven joints, one of them given) or
-        ``"numeric"``.
-    structure : str
-        What was found in the joint axes, in words.
-    level : str
-        ``"exact"`` or ``"rounded"`` for a closed form, see `pieper.ik.family`; else ``""``.
-    deviation : float
-        The largest amount by which a relation between the axes is off [rad, or m in units of the size of the arm].
-    max_solutions : int
-        Isolated answers that one pose can have at most, for one value of the redundancy where there is one; 0 where that is
-        not known.
-    complete : bool
-        True when every isolated answer of a pose is listed.
-    self_test : str
-        What the method did on poses of the arm itself when it was chosen.
-    branch_names : tuple of str
-        What the branches are called, as in `IKSolutions.labels`.
-    """
-
-    method: str
-    structure: str
-    level: str
-    deviation: float
-    max_solutions: int
-    complete: bool
-    self_test: str
-    branch_names: tuple[str, ...]
-
-    def __str__(self) -> str:
-        how = {
-            "closed form": "in closed form",
-            "general": "by its polynomial",
-            "redundancy": "for values of one joint",
-            "numeric": "by iteration",
-        }[self.method]
-        every = "every answer is listed" if self.complete else "some answers are found"
-        if self.method == "redundancy":
-            every = "every answer for each value is listed"
-        return f"solved {how}, {every}: {self.structure}" + (f"; {self.self_test}" if self.self_test else "")
 
 
 @dataclass(frozen=True)
@@ -163,9 +116,8 @@ class Solver:
         self.family: Family = find_family(chain)
         self.method = "numeric"
         self._certain = True
-        self._trusts_nothing = (
-            True  # that no answer found means that there is none: not at singular poses of arms with a slide
-        )
+        # whether no answer found means that there is none: not at singular poses of arms with a slide
+        self._trusts_nothing = True
         self._branches = Branches((), ())
         self._form: kernels.ClosedForm | None = None
         stuck = general_6r.fits(chain) and _is_stuck(chain)
@@ -205,7 +157,7 @@ class Solver:
                 f"{100.0 * r.found:.4g} % of the answers by the first of its forms"
                 for r in reports
             )
-            return IKInfo(self.method, family.reason, "", 0.0, general_6r.MOST_SOLUTIONS, True, tested, ())
+            return IKInfo(self.method, family.reason, "", 0.0, general_6r.MOST_SOLUTIONS, self._certain, tested, ())
         if self.method == "redundancy":
             made = redundancy_.prepare(self.chain)
             return IKInfo(self.method, made.reason, "", 0.0, made.places, False, "", ())
