@@ -178,3 +178,15 @@ def test_bad_targets_are_code_2(pieper_command, arguments, complaint: str) -> No
     assert result.out == ""
     assert complaint in result.err
     assert result.err.count("\n") == 1
+
+
+def test_ik_takes_a_value_of_the_redundancy(pieper_command) -> None:
+    target = ("panda", 0.4, 0.2, 0.4, "--rpy", 180, 0, 0, "--deg", "--json")
+    held = pieper_command("ik", *target, "--redundancy", 40).json
+    assert held["answers"]
+    assert all(abs(np.degrees(answer["q"][6]) - 40.0) < 1e-9 for answer in held["answers"])
+    named = pieper_command("ik", *target, "--redundancy", "panda_joint1=10").json
+    assert all(abs(np.degrees(answer["q"][0]) - 10.0) < 1e-9 for answer in named["answers"])
+    refused = pieper_command("ik", *target[:-1], "--redundancy", "much")
+    assert refused.code == 2
+    assert "--redundancy must be a number" in refused.err

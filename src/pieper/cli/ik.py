@@ -25,6 +25,7 @@ from pieper.cli.arguments import (
 )
 from pieper.cli.show import console, number, print_json, print_table
 from pieper.cli.target import seed_values, wanted
+from pieper.errors import ArrayError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -50,6 +51,15 @@ def ik(
     degrees: Degrees = False,
     seed: Seed = None,
     show_all: Annotated[bool, typer.Option("--all", help="Every branch, also those outside the joint limits.")] = False,
+    redundancy: Annotated[
+        str | None,
+        typer.Option(
+            "--redundancy",
+            metavar="VALUE",
+            help="Seven joints: value of the joint that is given (see pieper info), JOINT=VALUE for another one, or "
+            "swivel=ANGLE.  [rad or m; degrees with --deg]",
+        ),
+    ] = None,
     count: Annotated[
         int | None, typer.Option("--count", metavar="K", min=1, max=64, help="Answers to print at most.")
     ] = None,
@@ -63,7 +73,8 @@ def ik(
     goal = wanted(x, y, z, rpy=rpy, quaternion=quaternion, axis=axis, degrees=degrees)
     start = None if seed is None else seed_values(robot, seed, degrees=degrees)
     searches = robot.ik_info.method == "numeric"
-    answers = robot.ik(goal.target(), start, count=(count or _SEARCHED) if searches else None)
+    options: dict[str, Any] = {} if redundancy is None else {"redundancy": _redundancy(redundancy, degrees=degrees)}
+    answers = robot.ik(goal.target(), start, count=(count or _SEARCHED) if searches else None, **options)
     if count is None and answers.free and not show_all:
         count = _SEARCHED
     reached = bool(answers.reached)
@@ -96,6 +107,21 @@ def ik(
         if answers.count and not show_all:
             out.print("--all shows the answers outside the limits", markup=False)
     return 0 if reached else 1
+
+
+def _redundancy(text: str, *, degrees: bool) -> float | dict[str, float]:
+    """A value, or a name and its value, of what seven joints leave free."""
+    from math import radians
+
+    name, _, number_text = text.rpartition("=")
+    try:
+        value = float(number_text)
+    except ValueError:
+        raise ArrayError(
+            f"--redundancy must be a number, or a name and a number as in swivel=0.3; got {text!r}"
+        ) from None
+    value = radians(value) if degrees else value
+    return {name: value} if name else value
 
 
 def outcome(answers: IKSolutions) -> dict[str, Any]:
