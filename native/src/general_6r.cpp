@@ -333,6 +333,9 @@ bool General6R::fits(const Chain& chain) {
 
 General6R::General6R(const Chain& chain) : chain_(chain) {
   set_frames();
+  for (const JointStep& step : arm_.steps) reach_ += std::hypot(step.x, step.y, step.z);
+  constexpr double rounding = 1e-9;
+  reach_ = arm_.slide < 0 ? reach_ * (1 + rounding) : std::numeric_limits<double>::infinity();
   set_forms();
   measure_support();
   choose_forms();
@@ -747,8 +750,17 @@ void General6R::solve_one(const double* target, GeneralMode mode, int only_form,
     out.flags[k] = static_cast<int>(flags);
     return write(target, set, out, k);
   }
+  if (G[3] * G[3] + G[7] * G[7] + G[11] * G[11] > reach_ * reach_) {
+    out.flags[k] = 0;
+    return write(target, set, out, k);
+  }
   bool trusted = run_form(order_[0], G, scratch, set, flags) && dependable_;
   out.flags[k] = static_cast<int>(flags);
+  // a pose at which axes lie in a row may slip by one form: a second one has to agree that there is nothing
+  constexpr double rarely = 0.02;
+  if (trusted && set.count == 0 && mode != GeneralMode::fast && order_.size() > 1 &&
+      reports_[order_[1]].flagged < rarely)
+    trusted = run_form(order_[1], G, scratch, set, flags) && set.count == 0;
   const bool shared = (flags & flag_third) != 0;  // not to be settled by a form that always has doubts
   const bool again =
       !trusted || mode == GeneralMode::complete || (mode == GeneralMode::checked && (flags & unclear_) != 0);

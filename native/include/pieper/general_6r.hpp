@@ -190,6 +190,7 @@ class General6R {
   double scale_ = 1;
   double base_inverse_[12], tip_inverse_[12];  // G = base_inverse T tip_inverse, before scaling
   double offset_[6];                           // joint angle in the frames of arm_ = q + offset; 0 for a slide
+  double reach_ = 0;                           // no target is farther away, in scaled lengths; infinite with a slide
   double slide_low_ = 0, slide_high_ = 0;      // where poses are tried, in scaled lengths
   std::vector<int> order_;                     // forms in the order of their use
   // False when the forms together do not find the joints that made a pose: arms whose solutions form curves everywhere.
