@@ -62,13 +62,8 @@ def compare(arm: public_arms.Arm, T: np.ndarray, q: np.ndarray | None, several: 
     """Times and quality of each solver, and our time beside that of the best peer."""
     tasks = {solver.name: paired.Task(solver.call, solver.poses, solver.before) for solver in several}
     seconds = {name: np.array(values) for name, values in paired.each_in_turn(tasks, rounds=rounds).items()}
-    together = {
-        solver.name: paired.Task(lambda run: run(), [solver.batch], solver.before) for solver in several if solver.batch
-    }
-    batch = {
-        name: np.array(values)[:, 0] / len(T)
-        for name, values in paired.each_in_turn(together, rounds=max(rounds, 15)).items()
-    }
+    together = {solver.name: functools.partial(at_once, solver) for solver in several if solver.batch}
+    batch = paired.in_turn(together, rounds=max(rounds, 15))
     found: Row = {"arm": arm.name, "poses": len(T), "solvers": {}}
     for solver in several:
         spent = np.median(seconds[solver.name], axis=0) * 1e6
@@ -80,36 +75,41 @@ def compare(arm: public_arms.Arm, T: np.ndarray, q: np.ndarray | None, several: 
             "quality": dataclasses.asdict(solvers.judged(arm.forward, T, q, solver, same=SAME)),
         }
         if solver.name in batch:
-            figures["batch_us"] = float(np.median(batch[solver.name]) * 1e6)
+            figures["batch_us"] = float(np.median(batch[solver.name]) * 1e6 / len(T))
         found["solvers"][solver.name] = figures
     peers = [solver.name for solver in several if not solver.name.startswith("pieper")]
-    if peers:
-        best = min(peers, key=lambda name: found["solvers"][name]["median_us"])
-        least = {name: min(f["median_us"], f.get("batch_us", np.inf)) for name, f in found["solvers"].items()}
-        best_batch = min(peers, key=least.__getitem__)
-        found["best peer"] = best
-        found["times as long"] = {
-            name: {
-                "median": paired.ratio(*(list(np.median(seconds[one], axis=1)) for one in (best, name))),
-                "p99": found["solvers"][best]["p99_us"] / found["solvers"][name]["p99_us"],
-            }
-            | ({"batch": least[best_batch] / found["solvers"][name]["batch_us"]} if name in batch else {})
-            for name in found["solvers"]
-            if name.startswith("pieper")
+    best = min(peers, key=lambda name: found["solvers"][name]["median_us"])
+    found["best peer"] = best
+    least = {
+        name: min(found["solvers"][name].get("batch_us", np.inf), found["solvers"][name]["median_us"]) for name in peers
+    }
+    for name, figures in found["solvers"].items():
+        rounded = (list(np.median(seconds[one], axis=1)) for one in (best, name))
+        figures["best peer / this"] = {
+            "median": paired.ratio(*rounded),
+            "p99": found["solvers"][best]["p99_us"] / figures["p99_us"],
         }
+        if name in batch:
+            figures["best peer / this"]["batch"] = min(least.values()) / figures["batch_us"]
     for name, figures in found["solvers"].items():
         quality = figures["quality"]
         print(
             f"{arm.name:20} {name:26} median {figures['median_us']:9.2f} us  p99 {figures['p99_us']:9.2f}  "
             f"batch {figures.get('batch_us', np.nan):8.3f}  answers {quality['answers_per_pose']:7.3f}  "
             f"recall {quality['recall']}  false {quality['false_answers']}  "
-            f"{found.get('times as long', {}).get(name, {}).get('median', {}).get('median', np.nan):8.2f}",
+            f"best peer / this {figures['best peer / this']['median']['median']:7.3f}",
             flush=True,
         )
     return found
 
 
-def everyone(name: str, T: np.ndarray) -> list[Solver]:
+def at_once(solver: Solver) -> object:
+    assert solver.batch is not None
+    solver.before()
+    return solver.batch()
+
+
+def everyone(name: str, T: np.ndarray, q: np.ndarray | None) -> list[Solver]:
     """All solvers that take an arm of the part ``closed``."""
     import pieper
 
@@ -118,7 +118,7 @@ def everyone(name: str, T: np.ndarray) -> list[Solver]:
     if arm.dof == 6:
         several.append(solvers.ssik(generated(name), T))
     if name == "ur5e":
-        several.append(solvers.ur_analytic_ik(arm, name, T))
+        several.append(solvers.ur_analytic_ik(arm, name, T, q))
     if name in solvers.OPW:
         several.append(solvers.py_opw(arm, T))
     return several
@@ -151,7 +151,7 @@ def closed(count: int, rounds: int) -> list[Row]:
     for name in CLOSED:
         arm = public_arms.built_in(name)
         q, T = drawn(arm, count)
-        rows.append(compare(arm, T, q, [*everyone(name, T), *slower(pieper.load(name).ik, T)], rounds=rounds))
+        rows.append(compare(arm, T, q, [*everyone(name, T, q), *slower(pieper.load(name).ik, T)], rounds=rounds))
     return rows
 
 
@@ -168,7 +168,7 @@ def singular(count: int, rounds: int) -> list[Row]:
                 moved = q.copy()
                 moved[:, joint] += beside
                 T = np.ascontiguousarray(arm.forward(moved))
-                for solver in everyone(name, T):
+                for solver in everyone(name, T, moved):
                     quality = solvers.judged(arm.forward, T, moved, solver, same=SAME_BRANCH)
                     figures = row["solvers"].setdefault(solver.name, {})
                     figures["beside" if beside else "exact"] = dataclasses.asdict(quality)
@@ -291,7 +291,7 @@ def unreachable(count: int, rounds: int) -> list[Row]:
                 continue
             poses = np.ascontiguousarray(poses)
             if name in CLOSED:
-                several = everyone(name, poses)
+                several = everyone(name, poses, None)
             else:
                 several = [solvers.pieper(ours.ik, poses), solvers.ssik(solvers.ssik_module(name), poses)]
             rows.append({"kind": kind} | compare(arm, poses, None, several, rounds=rounds))
@@ -305,7 +305,7 @@ def load(count: int, rounds: int) -> list[Row]:
 
     shipped = {arm.name: arm for arm in public_arms._ssik()}
     rows: list[Row] = []
-    for name in (*CLOSED, *GENERAL, *(REDUNDANT + (NO_CLOSED_FORM,) if seven() else ())):
+    for name in (*CLOSED, *GENERAL, *((*REDUNDANT, NO_CLOSED_FORM) if seven() else ())):
         source = arms.load(name) if name in CLOSED else as_table(shipped[name])
         figures: Row = {"pieper": [], "EAIK": []}
         method = ""
@@ -405,7 +405,7 @@ def ssik_from_file(arm: arms.Arm) -> float:
 
 
 def numeric(count: int, rounds: int) -> list[Row]:
-    """Targets within limits, one call each from a cold start; every call counts, that is also those a machine interrupts."""
+    """Targets within limits, one call each from a cold start; percentiles over all calls, by the clock of the process."""
     del rounds
     import pieper
 
@@ -426,7 +426,8 @@ def numeric(count: int, rounds: int) -> list[Row]:
         poses = [pose.copy() for pose in T]
         answers = {key: [call(pose) for pose in poses] for key, call in calls.items()}
         tasks = {key: paired.Task(call, poses, lambda: None) for key, call in calls.items()}
-        seconds = {key: np.array(value) * 1e6 for key, value in paired.each_in_turn(tasks, rounds=3).items()}
+        timed = paired.each_in_turn(tasks, rounds=3, clock=time.process_time_ns)
+        seconds = {key: np.array(value) * 1e6 for key, value in timed.items()}
         row: Row = {"arm": name, "poses": count, "solvers": {}}
         for key, found in answers.items():
             joints = np.array([np.full(arm.dof, np.nan) if one is None else one for one in found])
@@ -477,8 +478,8 @@ def main() -> None:
         results.save(
             "every_solution",
             method="one thread; single calls by the clock on the wall, every solver in each round in random order, the "
-            f"median of {options.rounds} rounds for each pose, then median and 99th percentile over poses; batches for each pose; "
-            "numeric: over all calls; load: processor time",
+            f"median of {options.rounds} rounds for each pose, then median and 99th percentile over poses; the rest by processor time: "
+            "batches for each pose, iteration over all calls, and what comes before the first answer",
             packages=["EAIK", "ssik", "ur-analytic-ik", "py-opw-kinematics", "roboticstoolbox-python"],
             instruction_sets=kernels.instruction_sets(),
             parts={key: parts[key] for key in PARTS if key in parts},

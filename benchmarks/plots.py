@@ -189,25 +189,35 @@ def every_solution(data: dict) -> plt.Figure:
     rows = [(kind, row) for kind in kinds for row in data["parts"].get(kind, {"rows": []})["rows"]]
     rows = [(kind, row) for kind, row in rows if "pieper" in row["solvers"]]
     figure, axes = plt.subplots(figsize=(9, 0.42 * len(rows) + 1.5))
-    shift = {name: 0.14 * (i - (len(LISTERS) - 1) / 2) for i, name in enumerate(LISTERS)}
     for y, (_, row) in enumerate(rows):
-        for name, (colour, marker) in LISTERS.items():
-            figures = row["solvers"].get(name)
-            if figures is None:
-                continue
+        present = [name for name in LISTERS if name in row["solvers"]]
+        for i, name in enumerate(present):
+            figures, (colour, marker) = row["solvers"][name], LISTERS[name]
             style = {"color": colour, "marker": marker, "linestyle": "none", "markersize": 5}
-            place = y + shift[name]
+            place = y + 0.18 * (i - (len(present) - 1) / 2)
             ends = [figures["median_us"], figures["p99_us"]]
             axes.plot(ends, [place, place], color=colour, linewidth=1.4, alpha=0.7)
             axes.plot(figures["median_us"], place, **style)
             if name == "pieper" and "batch_us" in figures:
                 axes.plot(figures["batch_us"], place, **style, markerfacecolor=CARD)
-        best = row["solvers"][row["best peer"]]["median_us"] / row["solvers"]["pieper"]["median_us"]
+        best = row["solvers"]["pieper"]["best peer / this"]["median"]["median"]
         axes.annotate(
-            f"{best:.3g} times", (1.0, y), (6, 0), xycoords=("axes fraction", "data"), textcoords="offset points", va="center", fontsize=9
+            f"{best:.3g} times",
+            (1.0, y),
+            (6, 0),
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            va="center",
+            fontsize=9,
         )
     axes.annotate(
-        "best peer / pieper,\none call", (1.0, 1.0), (6, 4), xycoords="axes fraction", textcoords="offset points", va="bottom", fontsize=9
+        "best peer / pieper,\none call",
+        (1.0, 1.0),
+        (6, 4),
+        xycoords="axes fraction",
+        textcoords="offset points",
+        va="bottom",
+        fontsize=9,
     )
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter(lambda value, _: time_text(value * 1e3))
@@ -221,15 +231,26 @@ def every_solution(data: dict) -> plt.Figure:
     for kind, words in kinds.items():
         first = next((y for y, (own, _) in enumerate(rows) if own == kind), None)
         if first is not None:
-            axes.annotate(words, (0.5, first - 0.45), xycoords=("axes fraction", "data"), ha="center", va="top", fontsize=9, color=FAINT)
+            axes.annotate(
+                words, (0.99, first - 0.4), xycoords=("axes fraction", "data"), ha="right", va="top", fontsize=9
+            )
     handles = [
         Line2D([], [], color=colour, marker=marker, linestyle="none", markersize=5, label=name)
         for name, (colour, marker) in LISTERS.items()
     ]
     handles.insert(
-        1, Line2D([], [], color=OURS, marker="o", linestyle="none", markerfacecolor=CARD, label="pieper, a pose of a batch")
+        1,
+        Line2D(
+            [], [], color=OURS, marker="o", linestyle="none", markerfacecolor=CARD, label="pieper, a pose of a batch"
+        ),
     )
-    figure.suptitle("Every solution of a pose: time of one call, from median to 99th percentile", x=0.012, ha="left", fontsize=11, fontweight="bold")
+    figure.suptitle(
+        "Every solution of a pose: time of one call, from median to 99th percentile",
+        x=0.012,
+        ha="left",
+        fontsize=11,
+        fontweight="bold",
+    )
     figure.legend(handles=handles, loc="lower center", ncols=len(handles), frameon=False, fontsize=9, handletextpad=0.2)
     figure.tight_layout(rect=(0, 0.32 / figure.get_figheight(), 1, 1))
     return figure

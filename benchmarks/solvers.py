@@ -143,19 +143,27 @@ def ssik_built(arm: arms.Arm) -> Any:
     with contextlib.redirect_stdout(io.StringIO()):
         assert cli.main(command) == 0
     spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None and spec.loader is not None
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
 
-def ur_analytic_ik(arm: public_arms.Arm, name: str, T: np.ndarray) -> Solver:
-    """It counts from the frames of the controller, turned against those of the URDF."""
+def ur_analytic_ik(arm: public_arms.Arm, name: str, T: np.ndarray, q: np.ndarray | None) -> Solver:
+    """It counts from the frames of the controller, turned against those of the URDF, and has exact right angles.
+
+    Poses are those of its own arm where joint values are given: beside a singularity 1e-9 rad count.
+    """
     import ur_analytic_ik as package
 
     module = getattr(package, name)
-    before, after = related(arm, lambda q: np.array([module.forward_kinematics(*row) for row in q]))
-    poses = [np.ascontiguousarray(before @ pose @ after) for pose in T]
+
+    def forward(q: np.ndarray) -> np.ndarray:
+        return np.array([module.forward_kinematics(*row) for row in q])
+
+    before, after = related(arm, forward)
+    poses = [np.ascontiguousarray(pose) for pose in (before @ T @ after if q is None else forward(q))]
 
     def answers(found: Any) -> tuple[np.ndarray, np.ndarray]:
         return np.reshape(found, (-1, 6)), np.ones(len(found), dtype=bool)
@@ -238,4 +246,6 @@ def judged(
             apart = np.abs(np.remainder(several[holds] - q[i] + np.pi, 2 * np.pi) - np.pi).max(axis=-1, initial=0.0)
             found += bool((apart < same).any())
     n = len(T)
-    return Quality(good / n, false, None if q is None else found / n, answered / n, unflagged / n, float(worst[0]), float(worst[1]))
+    return Quality(
+        good / n, false, None if q is None else found / n, answered / n, unflagged / n, float(worst[0]), float(worst[1])
+    )
