@@ -23,7 +23,6 @@ import argparse
 import contextlib
 import dataclasses
 import functools
-import importlib.util
 import io
 import json
 import os
@@ -248,8 +247,7 @@ def general(count: int, rounds: int) -> list[Row]:
 
 
 def redundant(count: int, rounds: int) -> list[Row]:
-    if not seven():
-        return []
+    import pieper
     from pieper.ik.redundancy import solve_redundant
 
     rows, shipped = [], {arm.name: arm for arm in public_arms._ssik()}
@@ -257,15 +255,18 @@ def redundant(count: int, rounds: int) -> list[Row]:
         arm = shipped[name]
         slow = name == NO_CLOSED_FORM
         _, T = drawn(arm, max(count // 10, 3) if slow else count)
-        chain = solvers.chain_of(arm)
-        solve = functools.partial(solve_redundant, chain)
+        ours = pieper.load(solvers.chain_of(arm))
         theirs = solvers.ssik(solvers.ssik_module(name), T)
-        several = [solvers.pieper(solve, T, samples=VALUES), *slower(solve, T, samples=VALUES), theirs]
+        below = solvers.pieper(functools.partial(solve_redundant, ours.chain), T, samples=VALUES)
+        several = [solvers.pieper(ours.ik, T, samples=VALUES), *slower(ours.ik, T, samples=VALUES)]
+        several += [dataclasses.replace(below, name="pieper, solve_redundant"), theirs]
         if not slow:
             wanted = sum(len(theirs.call(pose)) for pose in T)
-            enough = next(m for m in range(1, 200) if solve(T, samples=m).valid.sum() >= wanted)
-            as_many = solvers.pieper(solve, T, samples=enough)
+            enough = next(m for m in range(1, 200) if ours.ik(T, samples=m).valid.sum() >= wanted)
+            as_many = solvers.pieper(ours.ik, T, samples=enough)
             several.append(dataclasses.replace(as_many, name=f"pieper, {enough} values"))
+            below = solvers.pieper(functools.partial(solve_redundant, ours.chain), T, samples=enough)
+            several.append(dataclasses.replace(below, name=f"pieper, solve_redundant, {enough} values"))
         rows.append(compare(arm, T, None, several, rounds=min(rounds, 5) if slow else rounds))
     return rows
 
@@ -305,7 +306,7 @@ def load(count: int, rounds: int) -> list[Row]:
 
     shipped = {arm.name: arm for arm in public_arms._ssik()}
     rows: list[Row] = []
-    for name in (*CLOSED, *GENERAL, *((*REDUNDANT, NO_CLOSED_FORM) if seven() else ())):
+    for name in (*CLOSED, *GENERAL, *REDUNDANT, NO_CLOSED_FORM):
         source = arms.load(name) if name in CLOSED else as_table(shipped[name])
         figures: Row = {"pieper": [], "EAIK": []}
         method = ""
@@ -316,7 +317,8 @@ def load(count: int, rounds: int) -> list[Row]:
             text, pose = arm.urdf(), T[0].copy()
             start = time.process_time_ns()
             ours = pieper.load(text)
-            found = first_answers(ours, pose)
+            answers = ours.ik(pose)
+            found = answers.q[answers.valid]
             figures["pieper"].append((time.process_time_ns() - start) * 1e-6)
             errors = arms.pose_errors(judge.forward(found), pose)
             apart = np.abs(np.remainder(found - q[0] + np.pi, 2 * np.pi) - np.pi).max(axis=1)
@@ -337,20 +339,6 @@ def load(count: int, rounds: int) -> list[Row]:
         next(row for row in rows if row["arm"] == name)["milliseconds"]["ssik"] = {"once": seconds * 1e3}
         print(f"{name:20} ssik {seconds:.2f} s", flush=True)
     return rows
-
-
-def seven() -> bool:
-    return importlib.util.find_spec("pieper.ik.redundancy") is not None
-
-
-def first_answers(ours: Any, pose: np.ndarray) -> np.ndarray:
-    if ours.dof == 7:
-        from pieper.ik.redundancy import solve_redundant
-
-        found = solve_redundant(ours.chain, pose, samples=VALUES)
-        return np.asarray(found.q[found.valid])
-    answers = ours.ik(pose)
-    return np.asarray(answers.q[answers.valid])
 
 
 def longer(arm: arms.Arm, factor: float) -> arms.Arm:

@@ -127,7 +127,7 @@ def every_solution(data: dict) -> list[str]:
         ),
         "redundant": (
             "pieper holds an end joint at 16 values evenly spread over a turn; ssik samples as it chooses, 16 values too. A last row "
-            "takes as many values as it needs to list at least as many answers as ssik."
+            "takes as many values as it needs to list at least as many answers as ssik. *solve_redundant* is the function below `arm.ik`."
         ),
         "unreachable": "A pose half as far again as the arm can reach, and poses within its reach, but turned so that none answers.",
     }
@@ -356,7 +356,7 @@ def asked_of_solutions(parts: dict[str, list[dict]]) -> list[Row]:
             text, met = f"{gain['pieper']:.3g} times", gain["pieper"] >= 500
             rows.append(line("KR810, 16 values", "500 times ssik", text, met, "100 µs", us.format(mine), mine <= 100))
         else:
-            name = next(name for name in row["solvers"] if name.endswith("values"))
+            name = next(name for name in row["solvers"] if name.endswith("values"))  # the one by arm.ik
             mine = row["solvers"][name]["median_us"]
             label = f"{ARMS[row['arm']]}, as many answers as ssik"
             text, met = f"{gain[name]:.3g} times", gain[name] >= 3
