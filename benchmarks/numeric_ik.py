@@ -34,7 +34,7 @@ def pieper_numeric(arm: arms.Arm) -> Solve:
     ours = pieper.load(arm.name)
 
     def solve(T: np.ndarray, _: np.ndarray) -> np.ndarray | None:
-        answers = ours.ik(T)
+        answers = ours.ik(T, method="numeric")
         return answers.q[answers.valid][0] if answers.valid.any() else None
 
     return solve

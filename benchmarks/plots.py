@@ -25,6 +25,28 @@ SOLVERS = {  # how a solver's name begins: label, colour, marker
     "Pinocchio": ("Pinocchio, loop in Python", "#009e73", "^"),
     "TRAC-IK, eps 1e-10, 5 ms": ("TRAC-IK, eps 1e-10, 5 ms", "#cc79a7", "D"),
 }
+ARMS = {
+    "ur5e": "UR5e",
+    "kuka_kr210_robond": "KR210",
+    "yaskawa_mh12": "MH12",
+    "kuka_youbot": "youBot",
+    "kinova/jaco2": "JACO 2",
+    "fanuc/crx10ia": "CRX-10iA",
+    "ufactory/xarm6": "xArm6",
+    "yaskawa/hc10": "HC10",
+    "agilex/piper": "PiPER",
+    "unimation/puma560": "Puma 560",
+    "franka/panda": "Panda",
+    "kuka/iiwa14": "iiwa14",
+    "kassow/kr810": "KR810",
+}
+LISTERS = {  # solvers that list every solution: colour, marker
+    "pieper": (OURS, "o"),
+    "EAIK": ("#d55e00", "s"),
+    "ssik": ("#009e73", "^"),
+    "ur-analytic-ik": ("#cc79a7", "D"),
+    "py-opw": ("#e69f00", "v"),
+}
 
 mpl.rcParams.update(
     {
@@ -161,9 +183,83 @@ def numeric_ik(data: dict) -> plt.Figure:
     return figure
 
 
+def every_solution(data: dict) -> plt.Figure:
+    """One call for all solutions, arm by arm, from median to 99th percentile; and ours in a batch."""
+    kinds = {"closed": "closed form", "general": "no closed form", "redundant": "seven joints"}
+    rows = [(kind, row) for kind in kinds for row in data["parts"].get(kind, {"rows": []})["rows"]]
+    rows = [(kind, row) for kind, row in rows if "pieper" in row["solvers"]]
+    figure, axes = plt.subplots(figsize=(9, 0.42 * len(rows) + 1.5))
+    for y, (_, row) in enumerate(rows):
+        present = [name for name in LISTERS if name in row["solvers"]]
+        for i, name in enumerate(present):
+            figures, (colour, marker) = row["solvers"][name], LISTERS[name]
+            style = {"color": colour, "marker": marker, "linestyle": "none", "markersize": 5}
+            place = y + 0.18 * (i - (len(present) - 1) / 2)
+            ends = [figures["median_us"], figures["p99_us"]]
+            axes.plot(ends, [place, place], color=colour, linewidth=1.4, alpha=0.7)
+            axes.plot(figures["median_us"], place, **style)
+            if name == "pieper" and "batch_us" in figures:
+                axes.plot(figures["batch_us"], place, **style, markerfacecolor=CARD)
+        best = row["solvers"]["pieper"]["best peer / this"]["median"]["median"]
+        axes.annotate(
+            f"{best:.3g} times",
+            (1.0, y),
+            (6, 0),
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            va="center",
+            fontsize=9,
+        )
+    axes.annotate(
+        "best peer / pieper,\none call",
+        (1.0, 1.0),
+        (6, 4),
+        xycoords="axes fraction",
+        textcoords="offset points",
+        va="bottom",
+        fontsize=9,
+    )
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter(lambda value, _: time_text(value * 1e3))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_yticks(range(len(rows)), [ARMS[row["arm"]] for _, row in rows])
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    axes.tick_params(axis="y", length=0)
+    for y in range(len(rows) - 1):
+        between = rows[y][0] != rows[y + 1][0]
+        axes.axhline(y + 0.5, color=FAINT, alpha=0.8 if between else 0.25, linewidth=1.0 if between else 0.6)
+    for kind, words in kinds.items():
+        first = next((y for y, (own, _) in enumerate(rows) if own == kind), None)
+        if first is not None:
+            axes.annotate(
+                words, (0.99, first - 0.4), xycoords=("axes fraction", "data"), ha="right", va="top", fontsize=9
+            )
+    handles = [
+        Line2D([], [], color=colour, marker=marker, linestyle="none", markersize=5, label=name)
+        for name, (colour, marker) in LISTERS.items()
+    ]
+    handles.insert(
+        1,
+        Line2D(
+            [], [], color=OURS, marker="o", linestyle="none", markerfacecolor=CARD, label="pieper, a pose of a batch"
+        ),
+    )
+    figure.suptitle(
+        "Every solution of a pose: time of one call, from median to 99th percentile",
+        x=0.012,
+        ha="left",
+        fontsize=11,
+        fontweight="bold",
+    )
+    figure.legend(handles=handles, loc="lower center", ncols=len(handles), frameon=False, fontsize=9, handletextpad=0.2)
+    figure.tight_layout(rect=(0, 0.32 / figure.get_figheight(), 1, 1))
+    return figure
+
+
 PICTURES: dict[str, Callable[[dict], plt.Figure]] = {
     "forward_kinematics": forward_kinematics,
     "single_call": single_call,
+    "every_solution": every_solution,
     "numeric_ik": numeric_ik,
 }
 
