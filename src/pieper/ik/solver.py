@@ -23,7 +23,7 @@ from pieper.ik.solutions import IKSolutions, Nearest, Status
 from pieper.ik.target import Target
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
     from numpy.typing import ArrayLike
 
@@ -34,7 +34,7 @@ METHODS = ("closed form", "general", "redundancy", "numeric")
 
 _MODES = {name: kernels.GeneralMode[name] for name in general_6r.MODES}
 
-_COMPILED = ("closed form", "general")
+_AT_ONCE = ("closed form", "general", "redundancy")
 
 _PLACES = ("q", "valid", "position_error", "rotation_error", "within_limits", "branch")
 """Fields of `IKSolutions` with a place for every answer, in the order of the compiled solvers."""
@@ -120,6 +120,7 @@ class Solver:
         self._trusts_nothing = True
         self._branches = Branches((), ())
         self._form: kernels.ClosedForm | None = None
+        self._closed_form = chain.native.answer_by_closed_form
         stuck = general_6r.fits(chain) and _is_stuck(chain)
         if self.family.complete and not stuck:
             self.method = "closed form"
@@ -181,42 +182,38 @@ class Solver:
         threads: int = 1,
     ) -> IKSolutions:
         """Joint values that bring the tip to a target; see `pieper.ik.solve.solve`."""
-        if method is None and count is None and redundancy is None and mode in _MODES and self.method in _COMPILED:
+        chosen, found = method or self.method, None
+        if count is None and redundancy is None and mode in _MODES:
+            tolerances = position_tolerance, rotation_tolerance
             try:  # plain arrays of the right shape: one call of the compiled solver
-                found = self._compiled(self.method, target, seed, mode, position_tolerance, rotation_tolerance, threads)
-            except TypeError:
-                pass
-            else:
-                doubts, missed = found[8], found[9]
-                tight = self._trusts_nothing and max(position_tolerance, rotation_tolerance) <= _TIGHT
-                if self._certain and doubts == 0 and (missed == 0 or tight):
-                    find_nearest: Callable[[IKSolutions], Nearest] = _nothing_missed
-                    if missed:
-                        kept = np.array(target), None if seed is None else np.array(seed)
-                        find_nearest = functools.partial(self._nearest_of, *kept, restarts, threads)
-                    arrays = *found[:8], find_nearest, position_tolerance, rotation_tolerance, self._branches.names
-                    return IKSolutions(self.chain, *arrays)
-        if (
-            self.method == "redundancy"
-            and method is None
-            and count is None
-            and redundancy is None
-            and seed is None
-            and type(target) is np.ndarray
-        ):
-            try:
-                found = self._sampled(target, samples, position_tolerance, rotation_tolerance, threads)
+                if chosen == "closed form" and self._form is not None:
+                    found = self._closed_form(self._form, target, seed, *tolerances, threads)
+                elif chosen in _AT_ONCE:
+                    found = self._at_once(chosen, target, seed, mode, samples, *tolerances, threads)
             except (TypeError, ArrayError):
                 pass
-            else:
-                if found[7] == 0:
-                    complete = np.zeros(target.shape[:-2], dtype=bool)
-                    arrays = *found[:7], complete, _nothing_missed, position_tolerance, rotation_tolerance, (), 1
-                    return IKSolutions(self.chain, *arrays)
+        if found is None:
+            asked = _Asked(
+                method, mode, count, redundancy, samples, position_tolerance, rotation_tolerance, restarts, threads
+            )
+            return self._solve_with_care(target, seed, asked)
+        doubts, missed = found[8], found[9]
+        names = self._branches.names if chosen == "closed form" else ()
+        free = 1 if chosen == "redundancy" else 0
+        if doubts == 0 and missed == 0 and self._certain:
+            arrays = *found[:8], _nothing_missed, position_tolerance, rotation_tolerance, names, free
+            return IKSolutions(self.chain, *arrays)
+        T, seeds = np.array(target), None if seed is None else np.array(seed)
+        find_nearest = functools.partial(self._nearest_of, T, seeds, restarts, threads)
+        arrays = *found[:8], find_nearest, position_tolerance, rotation_tolerance, names, free
+        answers = IKSolutions(self.chain, *arrays)
+        tight = self._trusts_nothing and max(position_tolerance, rotation_tolerance) <= _TIGHT
+        if doubts == 0 and self._certain and tight and not free:
+            return answers
         asked = _Asked(
             method, mode, count, redundancy, samples, position_tolerance, rotation_tolerance, restarts, threads
         )
-        return self._solve_with_care(target, seed, asked)
+        return self._finish(answers, T, seeds, T, chosen, asked)
 
     def _solve_with_care(self, target: ArrayLike | Target, seed: ArrayLike | None, asked: _Asked) -> IKSolutions:
         if asked.method is not None and asked.method not in METHODS:
@@ -245,26 +242,59 @@ class Solver:
         T, seeds = question.T_base_tip, question.seed
         if chosen == "redundancy":
             answers = self._for_values(T, seeds, asked)
-            again = answers.status != Status.reached if asked.redundancy is None else None
         else:
             found = self._compiled(chosen, T, seeds, asked.mode, *asked.tolerances, asked.threads)
             names = self._branches.names if chosen == "closed form" else ()
             arrays = *found[:8], _nothing_missed, *asked.tolerances, names
             answers = IKSolutions(self.chain, *arrays)
+        wanted = replace(target, T_base_tip=T) if isinstance(target, Target) else T
+        self._finish(answers, T, seeds, wanted, chosen, asked)
+        _mark_malformed(answers, question.malformed)
+        return answers if asked.count is None else _first(answers, asked.count)
+
+    def _finish(
+        self,
+        answers: IKSolutions,
+        T: FloatArray,
+        seeds: FloatArray | None,
+        target: FloatArray | Target,
+        chosen: str,
+        asked: _Asked,
+    ) -> IKSolutions:
+        """Solves again what is doubtful or missed, and sees to the nearest poses."""
+        if chosen == "redundancy":
+            again = np.asarray(answers.status != Status.reached) & (asked.redundancy is None)
+        else:
             answers.complete &= self._certain
             if not self._trusts_nothing:
                 answers.complete &= answers.valid.any(axis=-1)
             again = ~answers.complete
             if max(asked.tolerances) > _TIGHT:
                 again |= answers.status == Status.unreachable
-        if again is not None:
-            self._look_again(answers, T, seeds, asked, again, by_polynomial=chosen == "closed form")
-        wanted = replace(target, T_base_tip=T) if isinstance(target, Target) else T
-        answers.find_nearest = functools.partial(self._nearest_of, wanted, seeds, asked.restarts, asked.threads)
-        _mark_malformed(answers, question.malformed)
-        return answers if asked.count is None else _first(answers, asked.count)
+        self._look_again(answers, T, seeds, asked, np.asarray(again), by_polynomial=chosen == "closed form")
+        answers.find_nearest = functools.partial(self._nearest_of, target, seeds, asked.restarts, asked.threads)
+        return answers
 
     # --- the methods
+
+    def _at_once(
+        self,
+        method: str,
+        T: Any,
+        seeds: Any,
+        mode: str,
+        samples: int,
+        position_tolerance: float,
+        rotation_tolerance: float,
+        threads: int,
+    ) -> tuple[Any, ...]:
+        """What `_compiled` gives, for seven joints too; TypeError where the arguments have to be looked at first."""
+        if method != "redundancy":
+            return self._compiled(method, T, seeds, mode, position_tolerance, rotation_tolerance, threads)
+        if seeds is not None or type(T) is not np.ndarray:
+            raise TypeError
+        *arrays, missed = self._sampled(T, samples, position_tolerance, rotation_tolerance, threads)
+        return *arrays, np.zeros(T.shape[:-2], dtype=bool), 0, missed
 
     def _compiled(
         self,
