@@ -761,11 +761,13 @@ void General6R::solve_one(const double* target, GeneralMode mode, int only_form,
   if (trusted && set.count == 0 && mode != GeneralMode::fast && order_.size() > 1 &&
       reports_[order_[1]].flagged < rarely)
     trusted = run_form(order_[1], G, scratch, set, flags) && set.count == 0;
+  unsigned seen = flags | static_cast<unsigned>(out.flags[k]);
   const bool shared = (flags & flag_third) != 0;  // not to be settled by a form that always has doubts
   const bool again =
       !trusted || mode == GeneralMode::complete || (mode == GeneralMode::checked && (flags & unclear_) != 0);
   if (again && order_.size() > 1) {
     const bool second = run_form(order_[1], G, scratch, set, flags);
+    seen |= flags;
     out.flags[k] |= solve_second_form | static_cast<int>(flags & flag_singular);
     trusted = trusted || (second && dependable_ && !(shared && (flags & flag_hard)));
     if (!trusted && order_.size() > 2) {
@@ -773,6 +775,8 @@ void General6R::solve_one(const double* target, GeneralMode mode, int only_form,
       out.flags[k] |= solve_third_form | static_cast<int>(flags & flag_singular);
     }
   }
+  // two solutions at one angle, of which none arrived
+  if (mode != GeneralMode::fast && set.count == 0 && (seen & flag_twins)) trusted = false;
   if (!trusted) {
     out.flags[k] |= solve_doubtful | solve_last_resort;
     last_resort(G, scratch, set);
