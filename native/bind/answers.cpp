@@ -87,11 +87,12 @@ class Outcome {
                           branch_.array(), status_.array(), missed);
   }
   // With what was doubtful, which becomes what is complete, and counts.
-  nb::object with(std::size_t count, const NewArray<bool>& doubtful) const {
+  nb::object with(std::size_t count, const NewArray<bool>& doubtful, const bool* singular) const {
     std::size_t doubts = 0, missed = 0;
     for (std::size_t i = 0; i < count; ++i) {
-      doubts += doubtful.data()[i];
-      doubtful.data()[i] = !doubtful.data()[i];
+      const bool sure = !doubtful.data()[i] && !(singular && singular[i]);
+      doubts += !sure;
+      doubtful.data()[i] = sure;
       missed += status_.data()[i] != static_cast<signed char>(AnswerStatus::reached);
     }
     return nb::make_tuple(q_.array(), valid_.array(), position_.array(), rotation_.array(), within_.array(),
@@ -127,11 +128,14 @@ void bind_answers(nb::module_& module, nb::class_<NativeChain>& chain) {
         const Question question(self, targets, seeds, options, threads);
         const Outcome out(question.T, closed_form_branches, n);
         const NewArray<bool> doubtful(question.T.leading(), {}, "?");
-        without_lock(question.T.count(), [&] {
-          answer_by_closed_form(self.chain, form, question.T.data(), question.seeds(), question.T.count(), options,
-                                threads, out.answers(), doubtful.data());
+        const std::size_t count = question.T.count();
+        const std::unique_ptr<bool[]> many(count > 1 ? new bool[count] : nullptr);
+        bool single = false, *const singular = many ? many.get() : &single;
+        without_lock(count, [&] {
+          answer_by_closed_form(self.chain, form, question.T.data(), question.seeds(), count, options, threads,
+                                out.answers(), singular, doubtful.data());
         });
-        return out.with(question.T.count(), doubtful);
+        return out.with(count, doubtful, singular);
       },
       nb::arg("form"), nb::arg("targets"), nb::arg("seeds").none(), nb::arg("position_tolerance"),
       nb::arg("rotation_tolerance"), nb::arg("threads"), nb::sig(closed_form_type.c_str()),
@@ -161,7 +165,7 @@ void bind_answers(nb::module_& module, nb::class_<NativeChain>& chain) {
           for (std::size_t i = 0; i < count; ++i) doubtful.data()[i] = (flags[i] & solve_doubtful) != 0;
           arrange(self.chain, question.T.data(), question.seeds(), count, options, answers);
         });
-        return out.with(count, doubtful);
+        return out.with(count, doubtful, nullptr);
       },
       nb::arg("solver"), nb::arg("mode"), nb::arg("targets"), nb::arg("seeds").none(), nb::arg("position_tolerance"),
       nb::arg("rotation_tolerance"), nb::arg("threads"), nb::sig(polynomial_type.c_str()),
@@ -209,7 +213,7 @@ void bind_answers(nb::module_& module, nb::class_<NativeChain>& chain) {
           needed = std::max(needed, here);
           missed += status[i] != static_cast<signed char>(AnswerStatus::reached);
         }
-        const std::size_t places = most > 0 ? most : needed, kept = std::min(places, k);
+        const std::size_t places = most > 0 ? most : std::max<std::size_t>(needed, 1), kept = std::min(places, k);
         const Outcome out(T, places, n);
         const Answers answers = out.answers();
         for (std::size_t i = 0; i < count; ++i) {

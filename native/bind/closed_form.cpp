@@ -60,7 +60,7 @@ void bind_closed_form(nb::module_& module, nb::class_<NativeChain>& chain) {
         const NewArray<bool> valid(T.leading(), {k}, "?"), doubtful(T.leading(), {}, "?");
         without_lock(T.count(), [&] {
           solve_closed_form(self.chain, form, T.data(), T.count(), {position_tolerance, rotation_tolerance}, threads,
-                            {q.data(), position.data(), rotation.data(), valid.data(), doubtful.data()});
+                            {q.data(), position.data(), rotation.data(), valid.data(), nullptr, doubtful.data()});
         });
         return nb::make_tuple(q.array(), valid.array(), position.array(), rotation.array(), doubtful.array());
       },

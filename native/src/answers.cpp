@@ -16,6 +16,9 @@ namespace {
 constexpr double turn = 2 * std::numbers::pi;
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
+// No copy farther out than this [rad]: there an angle has no digits to spare.
+constexpr double farthest_copy = 1e3;
+
 // Up to this far outside a limit [rad or m] an answer is put on the limit.
 constexpr double rounding = 1e-9;
 
@@ -119,14 +122,17 @@ class Arranger {
       const JointRange& range = chain_.range(i);
       double x = q[i];
       if (range.turns) {
-        const double wanted = seed ? seed[i] : range.centre;
+        const double wanted = seed && std::abs(seed[i]) <= farthest_copy ? seed[i] : range.centre;
         if (std::abs(wanted - x) > turn / 2) x += turn * whole((wanted - x) / turn);
-        if (x < range.lower - rounding) {
-          const double up = x + turn * std::ceil((range.lower - rounding - x) / turn);
-          if (up <= range.upper + rounding) x = up;
-        } else if (x > range.upper + rounding) {
-          const double down = x - turn * std::ceil((x - range.upper - rounding) / turn);
-          if (down >= range.lower - rounding) x = down;
+        if (x < range.lower - rounding || x > range.upper + rounding) {
+          // the first copy above the lower limit; or the one below it, when that violates less
+          const double above = x + turn * std::ceil((range.lower - rounding - x) / turn), below = above - turn;
+          const bool inside = above <= range.upper + rounding;
+          if (inside && x > range.upper) {  // from above: the last one below the upper limit
+            x -= turn * std::ceil((x - range.upper - rounding) / turn);
+          } else {
+            x = inside || above - range.upper <= range.lower - below ? above : below;
+          }
         }
       }
       if (x < range.lower || x > range.upper) {
@@ -203,9 +209,9 @@ void arrange(const Chain& chain, const double* targets, const double* seeds, std
   for (std::size_t k = 0; k < count; ++k) arranger(targets + 16 * k, seeds ? seeds + chain.joints() * k : nullptr, k);
 }
 
-std::size_t answer_by_closed_form(const Chain& chain, const ClosedForm& form, const double* targets,
-                                  const double* seeds, std::size_t count, const AnswerOptions& options,
-                                  std::size_t threads, const Answers& out, bool* doubtful) {
+void answer_by_closed_form(const Chain& chain, const ClosedForm& form, const double* targets, const double* seeds,
+                           std::size_t count, const AnswerOptions& options, std::size_t threads, const Answers& out,
+                           bool* singular, bool* doubtful) {
   const ClosedFormOptions tolerances{options.position_tolerance, options.rotation_tolerance};
   const std::size_t n = chain.joints();
   AnswerOptions labelled = options;
@@ -215,11 +221,11 @@ std::size_t answer_by_closed_form(const Chain& chain, const ClosedForm& form, co
     const Answers part{closed_form_branches,      out.q + slot * n,  out.position_error + slot,
                        out.rotation_error + slot, out.valid + slot,  out.within_limits + slot,
                        out.branch + slot,         out.status + first};
-    kernels().solve_closed_form(chain.folded(), form, tolerances, targets + 16 * first, some,
-                                {part.q, part.position_error, part.rotation_error, part.valid, doubtful + first});
+    kernels().solve_closed_form(
+        chain.folded(), form, tolerances, targets + 16 * first, some,
+        {part.q, part.position_error, part.rotation_error, part.valid, singular + first, doubtful + first});
     arrange(chain, targets + 16 * first, seeds ? seeds + n * first : nullptr, some, labelled, part);
   });
-  return static_cast<std::size_t>(std::count(doubtful, doubtful + count, true));
 }
 
 }  // namespace pieper

@@ -132,9 +132,10 @@ void solve_closed_form(const Chain& chain, const ClosedForm& form, const double*
                        const ClosedFormOptions& options, std::size_t threads, const ClosedFormResults& out) {
   split(count, threads, [&](std::size_t first, std::size_t some) {
     const std::size_t slot = first * closed_form_branches;
-    kernels().solve_closed_form(chain.folded(), form, options, targets + 16 * first, some,
-                                {out.q + slot * form.joints, out.position_error + slot, out.rotation_error + slot,
-                                 out.valid + slot, out.doubtful + first});
+    kernels().solve_closed_form(
+        chain.folded(), form, options, targets + 16 * first, some,
+        {out.q + slot * form.joints, out.position_error + slot, out.rotation_error + slot, out.valid + slot,
+         out.singular ? out.singular + first : nullptr, out.doubtful + first});
     return true;
   });
 }

@@ -12,6 +12,7 @@ import numpy as np
 from pieper.errors import ArrayError, DescriptionError, UnknownNameError
 from pieper.kinematics import fk as _fk
 from pieper.kinematics import jacobian as _jacobian
+from pieper.kinematics.joints import as_joints
 from pieper.model.chain import Chain, FloatArray
 from pieper.model.description import Description
 
@@ -172,7 +173,8 @@ class Arm:
         """The joint values nearest to `q` of all that bring the tip to `T_base_tip`, (4, 4): (n,) [rad or m].
 
         Whole turns of joints count: the copy nearest to `q` is given. With seven joints it is the nearest point of the curves of
-        solutions, not of samples, and takes a fraction of a second.
+        solutions, not of samples, and takes a fraction of a second. At poses of six joints where one is free, as with a straight
+        wrist, it is the answer that grows out of `q`, near but not always nearest.
 
         Raises
         ------
@@ -185,15 +187,24 @@ class Arm:
         >>> bool(abs(arm.nearest_ik(T, q) - q).max() < 0.12)
         True
         """
+        here = as_joints(self.chain, q)
+        answers = self.ik(T_base_tip, here if here.ndim == 1 else None)
+        if answers.status.ndim or here.ndim != 1:
+            raise ArrayError(
+                f"nearest_ik takes one pose (4, 4) and one joint vector ({self.dof},), got a batch of poses of shape "
+                f"{answers.status.shape} and joints of shape {here.shape}"
+            )
         if self.ik_info.method == "redundancy":
             from pieper.ik.redundancy import nearest_on_self_motion
 
-            return nearest_on_self_motion(self.chain, T_base_tip, q, within_limits=within_limits).q
-        answers = self.ik(T_base_tip, q)
+            nearest = nearest_on_self_motion(self.chain, T_base_tip, here, within_limits=within_limits).q
+            if np.isnan(nearest).any():
+                raise ArrayError(f"no joint values of {self.name!r} to take: {answers.reason}")
+            return nearest
         usable = answers.within_limits if within_limits else answers.valid
         if not usable.any():
             raise ArrayError(f"no joint values of {self.name!r} to take: {answers.reason}")
-        distance = np.linalg.norm(answers.q - np.asarray(q, dtype=np.float64), axis=-1)
+        distance = np.linalg.norm(answers.q - here, axis=-1)
         return np.asarray(answers.q[int(np.argmin(np.where(usable, distance, np.inf)))])
 
     def project(self, target: ArrayLike | Target) -> Projections:

@@ -163,8 +163,8 @@ def test_by_branch_keeps_what_the_words_say():
 def test_by_branch_names_what_it_does_not_know():
     arm = chain("ur5e")
     answers = solve(arm, fk(arm, [0.1, -1.2, 1.4, -1.7, -1.5, 0.3]))
-    with pytest.raises(PieperError, match=r"no branch 'left' in the answers of 'ur5e'.*back"):
+    with pytest.raises(PieperError, match=r"no label 'left' in the answers of 'ur5e'.*back"):
         select.by_branch(answers, "left")
     general = chain("fanuc_crx10ia")
-    with pytest.raises(PieperError, match="no branch 'front'"):
+    with pytest.raises(PieperError, match="no label 'front'"):
         select.by_branch(solve(general, fk(general, [0.1] * 6)), "front")

@@ -39,9 +39,9 @@ struct Answers {
 void arrange(const Chain&, const double* targets, const double* seeds, std::size_t count, const AnswerOptions&,
              const Answers&);
 
-// Every branch of a closed form, arranged; eight slots. `doubtful` (targets). Returns the number of doubtful targets.
-std::size_t answer_by_closed_form(const Chain&, const ClosedForm&, const double* targets, const double* seeds,
-                                  std::size_t count, const AnswerOptions&, std::size_t threads, const Answers&,
-                                  bool* doubtful);
+// Every branch of a closed form, arranged; eight slots. `singular` and `doubtful` (targets), see ClosedFormResults.
+void answer_by_closed_form(const Chain&, const ClosedForm&, const double* targets, const double* seeds,
+                           std::size_t count, const AnswerOptions&, std::size_t threads, const Answers&, bool* singular,
+                           bool* doubtful);
 
 }  // namespace pieper

@@ -81,6 +81,7 @@ struct ClosedFormResults {
   double* position_error;  // (poses, 8) [m]
   double* rotation_error;  // (poses, 8) [rad]
   bool* valid;             // (poses, 8)
+  bool* singular;          // (poses): two answers meet, or a joint is free; null where nobody asks
   bool* doubtful;          // (poses): an ideal arm stands beside a fold, where the arm itself may have other answers
 };
 

@@ -676,6 +676,7 @@ void solve_closed_form_of(const Folded& chain, const ClosedForm& f, const Closed
     // at a fold, or where a stage leaves a turn free, nothing found does not mean that there is nothing
     const bool unsure = f.widened > 0 || (n == 6 && !found);
     out.doubtful[k] = doubtful || (unsure && (any(near) || roots.close));
+    if (out.singular) out.singular[k] = any(near);
     const bool by_roots = f.family == ClosedFormFamily::three_parallel_skew || f.first_three == FirstThree::general;
     if (polished || by_roots || any(near)) {
       bool before[branches];

@@ -72,7 +72,7 @@ def ik(
     robot = load(arm, base=base, tip=tip, nominal=nominal)
     goal = wanted(x, y, z, rpy=rpy, quaternion=quaternion, axis=axis, degrees=degrees)
     start = None if seed is None else seed_values(robot, seed, degrees=degrees)
-    searches = robot.ik_info.method == "numeric"
+    searches = robot.ik_info.method == "numeric" or (robot.dof > 6 and not goal.is_whole)
     options: dict[str, Any] = {} if redundancy is None else {"redundancy": _redundancy(redundancy, degrees=degrees)}
     answers = robot.ik(goal.target(), start, count=(count or _SEARCHED) if searches else None, **options)
     if count is None and answers.free and not show_all:
@@ -147,6 +147,8 @@ def outcome(answers: IKSolutions) -> dict[str, Any]:
 def _how_many(answers: IKSolutions, shown: int) -> str:
     """How many answers there are, and whether they are all."""
     found, inside = int(answers.count), int(answers.within_limits.sum())
+    if answers.free and bool(answers.complete):
+        return f"{found} in all, each with a joint that is free" + (f", {shown} shown" if found > shown else "")
     if answers.free:
         ways = {1: "a curve", 2: "a surface", 3: "a continuum"}.get(answers.free, "a continuum")
         sampled = "" if shown == found else f", {shown} of {found} shown"

@@ -33,7 +33,7 @@ class Wanted:
         given = {"--rpy": self.rpy, "--quat": self.quaternion, "--axis": self.axis}
         names = [name for name, value in given.items() if value is not None]
         if len(names) > 1:
-            raise ArrayError(f"{' and '.join(names)} say the same thing; give one of them")
+            raise ArrayError(f"{' and '.join(names)} both speak of the orientation; give one of them")
         if self.axis is not None:
             return target.position_and_axis(self.position, self.axis)
         if self.is_position_only:

@@ -144,6 +144,8 @@ class Redundancy:
             raise ArrayError(
                 f"{self.joint_name} slides without limits, so that there is no range to sample; give values"
             )
+        if upper - lower <= _SAME:  # the joint is held
+            return np.array([0.5 * (lower + upper)])
         return np.asarray(lower + (np.arange(count) + 0.5) * ((upper - lower) / count))
 
     def transports(self, values: FloatArray) -> FloatArray:

@@ -92,7 +92,7 @@ def by_branch(answers: IKSolutions, branch: str) -> IKSolutions:
     wanted = [word.strip() for word in branch.split(",") if word.strip()]
     for word in wanted:
         if word not in known:
-            raise unknown_name("branch", word, known, f"the answers of {answers.chain.name!r}")
+            raise unknown_name("label", word, known, f"the answers of {answers.chain.name!r}")
     fits = np.array([bool(name) and set(wanted) <= set(name.split(", ")) for name in answers.branch_names] + [False])
     kept = np.asarray(answers.valid & fits[answers.branch])
     return _keep(answers, kept)
@@ -113,6 +113,8 @@ def _keep(answers: IKSolutions, kept: NDArray[np.bool_]) -> IKSolutions:
 
 def nearest(answers: IKSolutions, q: ArrayLike, *, weights: ArrayLike | None = None) -> FloatArray:
     """The answer nearest to `q`, each turning joint as the copy nearest to it that its limits allow.
+
+    Answers outside the limits are taken only where none is inside.
 
     Nearest is ``sqrt(sum((weights * (answer - q))^2))``.
 
@@ -161,9 +163,11 @@ def nearest(answers: IKSolutions, q: ArrayLike, *, weights: ArrayLike | None = N
     turns = np.where(none_inside, wanted, np.clip(wanted, lowest, np.maximum(lowest, highest)))
     copies = answers.q + _TURN * np.where(periodic_joints(chain), turns, 0.0)
     distance = np.linalg.norm(scale * (copies - here[..., None, :]), axis=-1)
-    best = np.argmin(np.where(answers.valid, distance, np.inf), axis=-1)
+    inside = np.asarray(answers.valid & ~none_inside.any(axis=-1))
+    wanted_of = np.where(inside.any(axis=-1, keepdims=True), inside, answers.valid)
+    best = np.argmin(np.where(wanted_of, distance, np.inf), axis=-1)
     chosen = np.take_along_axis(copies, best[..., None, None], axis=-2)[..., 0, :]
-    return np.asarray(np.where(answers.reached[..., None], chosen, np.nan))
+    return np.asarray(np.where(np.asarray(answers.valid.any(axis=-1))[..., None], chosen, np.nan))
 
 
 def _whole_turns(q: FloatArray, chain: Chain) -> tuple[FloatArray, FloatArray]:

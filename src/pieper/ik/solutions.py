@@ -65,7 +65,7 @@ class Nearest:
     out_of_reach: FloatArray
 
 
-@dataclass(eq=False, slots=True)
+@dataclass(eq=False, slots=True, repr=False)
 class IKSolutions:
     """Up to k answers for every target, each judged by itself.
 
@@ -183,6 +183,8 @@ class IKSolutions:
             best = int(np.argmax(self.valid[index]))
             position, rotation = self.position_error[index][best], self.rotation_error[index][best]
             return f"reached: {_left(float(position), float(rotation))} left"
+        if status is Status.outside_limits and not self.valid[index].any():
+            return "reachable, but no answer is left: those that there were have been sorted out"
         if status is Status.outside_limits:
             return f"reachable, but every solution violates {self._violation(index)}"
         near = self.nearest
@@ -295,6 +297,9 @@ class IKSolutions:
         if self.status.ndim:
             raise ArrayError(f"copies are for one target; this holds a batch of shape {self.status.shape}")
         return copies_of(self.chain, self.q[self.valid], seed)
+
+    def __repr__(self) -> str:
+        return f"IKSolutions({self.chain.name!r}, {self.valid.shape[-1]} places, {self})"
 
     def __str__(self) -> str:
         if self.status.ndim:

@@ -221,12 +221,12 @@ class Solver:
         if asked.mode not in _MODES:
             raise unknown_name("mode", asked.mode, general_6r.MODES, "the general solver")
         chosen = asked.method or self.method
-        if asked.redundancy is not None and chosen != "redundancy":
+        whole = not isinstance(target, Target) or (target.axis is None and all(target.weights))
+        if asked.redundancy is not None and (chosen != "redundancy" or not whole):
             raise ArrayError(
                 f"a value of the redundancy is for arms with seven joints and whole poses; {self.chain.name!r} has "
-                f"{self.chain.dof}, solved by the method {chosen!r}"
+                f"{self.chain.dof}, solved by the method {chosen!r}{'' if whole else ', and this target is of some rows'}"
             )
-        whole = not isinstance(target, Target) or (target.axis is None and all(target.weights))
         if not whole and asked.method is None:
             assert isinstance(target, Target)
             one_will_do = asked.count == 1 and seed is None
@@ -264,6 +264,10 @@ class Solver:
         """Solves again what is doubtful or missed, and sees to the nearest poses."""
         if chosen == "redundancy":
             again = np.asarray(answers.status != Status.reached) & (asked.redundancy is None)
+        elif chosen == "closed form":
+            again = self._singular_or_doubtful(answers, T, seeds, asked)
+            if max(asked.tolerances) > _TIGHT:
+                again |= answers.status == Status.unreachable
         else:
             answers.complete &= self._certain
             if not self._trusts_nothing:
@@ -274,6 +278,29 @@ class Solver:
         self._look_again(answers, T, seeds, asked, np.asarray(again), by_polynomial=chosen == "closed form")
         answers.find_nearest = functools.partial(self._nearest_of, target, seeds, asked.restarts, asked.threads)
         return answers
+
+    def _singular_or_doubtful(
+        self, answers: IKSolutions, T: FloatArray, seeds: FloatArray | None, asked: _Asked
+    ) -> BoolArray:
+        """The doubtful targets; for those at which a joint is free, adds the answer that grows out of the seed.
+
+        There each branch is one point of a curve: another may be nearer to the seed, or alone inside the limits.
+        """
+        doubtful = np.array(~answers.complete)
+        if not doubtful.any() or self._form is None:
+            return doubtful
+        unsure = self.chain.native.solve_closed_form(self._form, T[doubtful], *asked.tolerances, 1)[4]
+        singular = doubtful.copy()
+        singular[doubtful] = ~unsure
+        doubtful = np.asarray(doubtful & ~singular)
+        if seeds is None:
+            singular = np.asarray(singular & (answers.status == Status.outside_limits))
+        if singular.any():
+            some = None if seeds is None else seeds[singular]
+            near = asked.iterate(self.chain, T[singular], seed=some, count=1)
+            more = [(near.q, near.position_error, near.rotation_error)]
+            self._add(answers, singular, T, some, more, None)
+        return doubtful
 
     # --- the methods
 
@@ -367,17 +394,17 @@ class Solver:
     def _some_rows(self, target: Target, seed: ArrayLike | None, asked: _Asked) -> IKSolutions:
         """A position, or a position and one axis."""
         asked.check()
+        question = ask(self.chain, target.T_base_tip, seed)
+        T, seeds = question.T_base_tip, question.seed
         found = partial.solve_partial(
             self.chain,
             target,
-            seed=seed,
+            seed=None if seeds is None else np.clip(seeds, *self.chain.limits.T),
             samples=asked.samples,
             position_tolerance=asked.position_tolerance,
             rotation_tolerance=asked.rotation_tolerance,
             threads=asked.threads,
         )
-        question = ask(self.chain, target.T_base_tip, seed)
-        T, seeds = question.T_base_tip, question.seed
         answers = self._arranged(found.q, found.position_error, found.rotation_error, T, seeds, target, asked)
         answers.free = found.free_dimension
         answers.complete = np.full(answers.status.shape, found.complete)
@@ -389,8 +416,14 @@ class Solver:
 
     def _numeric(self, target: ArrayLike | Target, seed: ArrayLike | None, asked: _Asked) -> IKSolutions:
         count = 1 if asked.count is None else asked.count
+        rows = 6
+        if isinstance(target, Target):
+            turns = 2 if target.axis is not None else np.count_nonzero(target.weights[3:])
+            rows = int(np.count_nonzero(target.weights[:3]) + turns)
         try:
-            return asked.iterate(self.chain, target, seed=seed, count=count)
+            answers = asked.iterate(self.chain, target, seed=seed, count=count)
+            answers.free = max(0, self.chain.dof - rows)
+            return answers
         except ArrayError:
             if isinstance(target, Target):
                 raise
@@ -398,6 +431,7 @@ class Solver:
             if not question.malformed:
                 raise
         answers = asked.iterate(self.chain, question.T_base_tip, seed=question.seed, count=count)
+        answers.free = max(0, self.chain.dof - 6)
         _mark_malformed(answers, question.malformed)
         return answers
 
