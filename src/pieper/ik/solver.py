@@ -50,9 +50,12 @@ _SAME = 1e-5
 _TIGHT = 1e-9
 """[m or rad] With tolerances beyond this a target out of reach may still be near enough, which iteration finds out."""
 
-_PROBES, _LEAST_STRENGTH = 32, 1e-3
-"""Poses to look at, and the least singular value of the Jacobian (lengths in units of the arm), of the largest, below which an arm
-can hardly move in some way. Common arms have 0.05 to 0.1."""
+_PROBES = 32
+"""Poses at which the Jacobian is looked at."""
+
+_LEAST_STRENGTH, _ORDINARY_STRENGTH = 1e-3, 0.02
+"""Least singular value of the Jacobian (lengths in units of the arm), of the largest. Below the first an arm can hardly move in some
+way, and answers form what is next to a curve; below the second no method is believed that there is no answer. Common arms: 0.05 to 0.1."""
 
 _FURTHER = 8
 """Answers to look for by iteration where a method that lists all of them has doubts."""
@@ -121,7 +124,8 @@ class Solver:
         self._branches = Branches((), ())
         self._form: kernels.ClosedForm | None = None
         self._closed_form = chain.native.answer_by_closed_form
-        stuck = general_6r.fits(chain) and _is_stuck(chain)
+        strength = _strength(chain) if general_6r.fits(chain) else 1.0
+        stuck = strength < _LEAST_STRENGTH
         if self.family.complete and not stuck:
             self.method = "closed form"
             self._branches = name_branches(chain, self.family)
@@ -130,7 +134,7 @@ class Solver:
         elif general_6r.fits(chain):
             self.method = "general"
             self._certain = not stuck
-            self._trusts_nothing = bool(chain.is_revolute.all())
+            self._trusts_nothing = bool(chain.is_revolute.all()) and strength > _ORDINARY_STRENGTH
         elif redundancy_.fits(chain):
             self.method = "redundancy"
 
@@ -580,12 +584,12 @@ def _nothing_missed(answers: IKSolutions) -> Nearest:
     return Nearest(np.full((*shape, answers.chain.dof), np.nan), *(np.full(shape, np.nan) for _ in range(3)))
 
 
-def _is_stuck(chain: Chain) -> bool:
-    """True when six joints move the tip in five ways only, or next to: answers then form curves everywhere."""
+def _strength(chain: Chain) -> float:
+    """How well six joints move the tip in the way that they do worst: the least singular value of the Jacobian, of the largest."""
     q = np.random.default_rng(1968).uniform(-np.pi, np.pi, (_PROBES, chain.dof))
     J = chain.native.jacobian(q) / np.array([*[size_of(chain)] * 3, 1.0, 1.0, 1.0])[:, None]
     strengths = np.linalg.svd(J, compute_uv=False)
-    return bool(np.median(strengths[:, -1] / strengths[:, 0]) < _LEAST_STRENGTH)
+    return float(np.median(strengths[:, -1] / strengths[:, 0]))
 
 
 def _mark_malformed(answers: IKSolutions, malformed: dict[tuple[int, ...], str]) -> None:
