@@ -53,7 +53,7 @@ _TIGHT = 1e-9
 _PROBES = 32
 """Poses at which the Jacobian is looked at."""
 
-_LEAST_STRENGTH, _ORDINARY_STRENGTH = 1e-3, 0.02
+_LEAST_STRENGTH, _ORDINARY_STRENGTH = 1e-3, 0.03
 """Least singular value of the Jacobian (lengths in units of the arm), of the largest. Below the first an arm can hardly move in some
 way, and answers form what is next to a curve; below the second no method is believed that there is no answer. Common arms: 0.05 to 0.1."""
 
