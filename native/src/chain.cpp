@@ -9,25 +9,16 @@
 #include <algorithm>
 #include <cmath>
 
+#include "vec3.hpp"
+
 namespace pieper {
 namespace {
-
-using Vec3 = std::array<double, 3>;
 
 // Rounding of a dozen pose products; an angle below it is rounding noise of the description's own arithmetic.
 constexpr double angle_noise = 5e-15;
 // Below this sine of the twist the foot of the common normal may lie so far away that rounding grows; it is not used.
 constexpr double clearly_skew = 0.1;
 
-Vec3 operator+(const Vec3& a, const Vec3& b) { return {a[0] + b[0], a[1] + b[1], a[2] + b[2]}; }
-Vec3 operator-(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
-Vec3 operator*(double s, const Vec3& a) { return {s * a[0], s * a[1], s * a[2]}; }
-double dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-double norm(const Vec3& a) { return std::sqrt(dot(a, a)); }
-Vec3 cross(const Vec3& a, const Vec3& b) {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-Vec3 unit(const Vec3& a) { return (1.0 / norm(a)) * a; }
 // The part of `a` that is perpendicular to the unit vector `z`, made a unit vector.
 Vec3 perpendicular(const Vec3& a, const Vec3& z) {
   const Vec3 once = a - dot(a, z) * z;

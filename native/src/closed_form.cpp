@@ -6,21 +6,11 @@
 #include <cmath>
 
 #include "pieper/kernels.hpp"
+#include "vec3.hpp"
 
 namespace pieper {
 namespace {
 
-using Vec3 = std::array<double, 3>;
-
-Vec3 operator+(const Vec3& a, const Vec3& b) { return {a[0] + b[0], a[1] + b[1], a[2] + b[2]}; }
-Vec3 operator-(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
-Vec3 operator*(double s, const Vec3& a) { return {s * a[0], s * a[1], s * a[2]}; }
-double dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-double norm(const Vec3& a) { return std::sqrt(dot(a, a)); }
-Vec3 cross(const Vec3& a, const Vec3& b) {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-Vec3 unit(const Vec3& a) { return (1.0 / norm(a)) * a; }
 Vec3 across(const Vec3& axis, const Vec3& a) {
   const Vec3 once = a - dot(axis, a) * axis;
   return once - dot(axis, once) * axis;

@@ -13,6 +13,7 @@
 
 #include "pieper/kernels.hpp"
 #include "simd/general_6r/left_line.hpp"
+#include "vec3.hpp"
 
 namespace pieper {
 namespace {
@@ -25,16 +26,6 @@ constexpr double no_angle = 5e-15;
 constexpr double least_scale = 1e-4;            // [m] that stand for 1 in the equations
 constexpr double least_scale_of_extent = 1e-5;  // the same, of the largest coordinate
 
-using Vec3 = std::array<double, 3>;
-Vec3 operator+(const Vec3& a, const Vec3& b) { return {a[0] + b[0], a[1] + b[1], a[2] + b[2]}; }
-Vec3 operator-(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
-Vec3 operator*(double s, const Vec3& a) { return {s * a[0], s * a[1], s * a[2]}; }
-double dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-double norm(const Vec3& a) { return std::sqrt(dot(a, a)); }
-Vec3 cross(const Vec3& a, const Vec3& b) {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-Vec3 unit(const Vec3& a) { return (1.0 / norm(a)) * a; }
 Vec3 perpendicular(const Vec3& a, const Vec3& z) {
   const Vec3 once = unit(a - dot(a, z) * z);
   return unit(once - dot(once, z) * z);
