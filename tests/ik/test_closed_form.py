@@ -60,14 +60,6 @@ def check_accuracy(answers: ClosedFormSolutions, arm: Chain, T: np.ndarray, limi
     assert (np.abs(q) <= np.pi).all()
 
 
-@pytest.fixture(params=kernels.instruction_sets())
-def instruction_set(request):
-    before = kernels.instruction_set()
-    kernels.use_instruction_set(request.param)
-    yield request.param
-    kernels.use_instruction_set(before)
-
-
 # Random poses
 
 

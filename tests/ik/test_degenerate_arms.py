@@ -10,7 +10,7 @@ import pytest
 
 from pieper.ik.solve import solver
 from tests.degenerate_arms import degenerate_arm
-from tests.laws.test_inverse_kinematics import MEASURED, left
+from tests.judge import MEASURED, left
 from tests.reference import product_of_exponentials as textbook
 
 

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pieper._native import kernels
 from pieper.errors import ArrayError, UnknownNameError
 from pieper.ik.general_6r import MODES, MOST_SOLUTIONS, Flag, prepare, solve_general_6r
 from pieper.ik.numeric import solve_numeric
@@ -26,14 +25,6 @@ SAME = 1e-6  # rad: a random pose is far enough from singular ones for its joint
 SAME_SINGULAR = 1e-5  # rad: what rounding leaves of the joints where the Jacobian's least singular value is 1e-3
 REGULAR = 1e-3  # least singular value of the Jacobian
 SIX_JOINTS = tuple(robot.name for robot in ROBOTS if robot.dof == 6)
-
-
-@pytest.fixture(params=kernels.instruction_sets())
-def instruction_set(request):
-    before = kernels.instruction_set()
-    kernels.use_instruction_set(request.param)
-    yield request.param
-    kernels.use_instruction_set(before)
 
 
 def arm_of(links, base=None, name="arm"):

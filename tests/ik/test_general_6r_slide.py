@@ -7,7 +7,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pieper._native import kernels
 from pieper.errors import ArrayError
 from pieper.ik.closed_form import solve_closed_form
 from pieper.ik.family import find_family
@@ -95,14 +94,6 @@ def check_answers(arm, answers, T):
     for k in np.ndindex(answers.valid.shape):
         if answers.valid[k]:
             assert np.abs(exponentials.fk(arm, answers.q[k]) - T[k[:-1]]).max() < ACCURACY
-
-
-@pytest.fixture(params=kernels.instruction_sets())
-def instruction_set(request):
-    before = kernels.instruction_set()
-    kernels.use_instruction_set(request.param)
-    yield request.param
-    kernels.use_instruction_set(before)
 
 
 @pytest.mark.parametrize("kind", KINDS)

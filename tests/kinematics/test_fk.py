@@ -23,14 +23,6 @@ SAME_POSE = 1e-12  # [m, -]: a dozen products of numbers of a few metres, rounde
 FROM_URDF = [name for name in NAMES if name != "mh12-report"]  # that one is given by screws
 
 
-@pytest.fixture(params=kernels.instruction_sets())
-def instruction_set(request):
-    before = kernels.instruction_set()
-    kernels.use_instruction_set(request.param)
-    yield request.param
-    kernels.use_instruction_set(before)
-
-
 def some_joints(arm: Chain, count: int, seed: int = 0) -> np.ndarray:
     """Random joint values, inside the limits and a full turn beyond."""
     rng = np.random.default_rng(seed)

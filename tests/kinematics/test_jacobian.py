@@ -24,10 +24,8 @@ from pieper.kinematics.jacobian import (
 )
 from pieper.model.chain import Chain
 from pieper.spatial import twist
-from tests.kinematics.test_fk import FROM_URDF, instruction_set, random_chains, some_joints
+from tests.kinematics.test_fk import FROM_URDF, random_chains, some_joints
 from tests.robots import NAMES, chain
-
-__all__ = ["instruction_set"]
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 SAME_JACOBIAN = 1e-12  # [m/rad]: rounding of a dozen products of numbers of a few metres

@@ -10,7 +10,7 @@ from pieper.errors import PieperError
 from pieper.ik import target
 from pieper.ik.numeric import solve_numeric
 from pieper.ik.solve import solve, solver
-from tests.laws.test_inverse_kinematics import MEASURED, apart, inside, joints, left, poses
+from tests.judge import MEASURED, apart, inside, joints, left, poses
 from tests.reference import product_of_exponentials as textbook
 from tests.robots import ROBOTS, chain
 

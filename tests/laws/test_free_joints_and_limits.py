@@ -12,8 +12,8 @@ from pieper.errors import PieperError
 from pieper.ik import select, target
 from pieper.ik.solutions import Status
 from pieper.ik.solve import solve
+from tests.judge import MEASURED, inside, joints, left
 from tests.laws.test_families_of_answers import WRISTS
-from tests.laws.test_inverse_kinematics import MEASURED, inside, joints, left
 from tests.reference import product_of_exponentials as textbook
 from tests.robots import chain
 

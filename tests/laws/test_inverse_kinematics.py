@@ -10,7 +10,6 @@ import itertools
 import numpy as np
 import pytest
 
-from pieper._native import kernels
 from pieper.errors import PieperError
 from pieper.ik import select
 from pieper.ik.solutions import Status
@@ -18,11 +17,10 @@ from pieper.ik.solve import solve, solver
 from pieper.kinematics.jacobian import jacobian
 from pieper.kinematics.joints import periodic_joints
 from pieper.model.chain import Chain
+from tests.judge import MEASURED, apart, inside, joints, left, poses
 from tests.reference import product_of_exponentials as textbook
 from tests.robots import ROBOTS, chain
 
-TOLERANCE = 1e-9  # [m, rad]: the default
-MEASURED = TOLERANCE + 1e-13  # the judge multiplies exponentials, and rounds differently
 SAME = 1e-6  # [rad] well-conditioned answers are found to about 1e-12, those near folds to the root of rounding
 AWAY = 0.03  # least singular value of the Jacobian; a step changes it by less
 POSES = 40
@@ -30,38 +28,6 @@ TURN = 2.0 * np.pi
 NAMES = tuple(robot.name for robot in ROBOTS if robot.dof < 7)
 CLOSED = tuple(name for name in NAMES if solver(chain(name)).method == "closed form")
 NAMED = tuple(name for name in CLOSED if not solver(chain(name)).family.quartic)
-
-
-def joints(arm, count, seed):
-    lower, upper = np.clip(arm.limits, -np.pi, np.pi).T
-    return np.random.default_rng(seed).uniform(lower, upper, (count, arm.dof))
-
-
-def poses(arm, q):
-    return np.stack([textbook.fk(arm, x) for x in q])
-
-
-def left(T, target):
-    R = target[:3, :3].T @ T[:3, :3]
-    sine = np.linalg.norm([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    return np.linalg.norm(T[:3, 3] - target[:3, 3]), np.arctan2(sine, np.trace(R) - 1.0)
-
-
-def apart(a, b):
-    """Largest difference of some joint, whole turns aside."""
-    return np.abs(np.remainder(a - b + np.pi, TURN) - np.pi).max(axis=-1)
-
-
-def inside(arm, q):
-    return np.all((q >= arm.limits[:, 0]) & (q <= arm.limits[:, 1]), axis=-1)
-
-
-@pytest.fixture(params=kernels.instruction_sets())
-def instruction_set(request):
-    before = kernels.instruction_set()
-    kernels.use_instruction_set(request.param)
-    yield request.param
-    kernels.use_instruction_set(before)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -8,46 +8,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pieper._native import kernels
 from pieper.ik import select
 from pieper.ik.numeric import solve_numeric
 from pieper.ik.solutions import Status
 from pieper.model.chain import Chain
+from tests.judge import MEASURED, inside, joints, left, poses
 from tests.reference import product_of_exponentials as textbook
 from tests.robots import NAMES, chain
 
-TOLERANCE = 1e-9  # [m, rad]: what the solver is asked for
-MEASURED = TOLERANCE + 1e-13  # the judge multiplies exponentials, and rounds differently
 POSES = 60
 
 
-def joints(arm, count, seed):
-    """Random joint values within limits, half a turn where there are none."""
-    lower, upper = np.clip(arm.limits, -np.pi, np.pi).T
-    return np.random.default_rng(seed).uniform(lower, upper, (count, arm.dof))
-
-
 def targets(arm, count, seed):
-    return np.stack([textbook.fk(arm, q) for q in joints(arm, count, seed)])
-
-
-def left(T, target):
-    """Distance [m] and angle [rad] between two poses."""
-    R = target[:3, :3].T @ T[:3, :3]
-    sine = np.linalg.norm([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    return np.linalg.norm(T[:3, 3] - target[:3, 3]), np.arctan2(sine, np.trace(R) - 1.0)
-
-
-def inside(arm, q):
-    return bool(np.all((q >= arm.limits[:, 0]) & (q <= arm.limits[:, 1])))
-
-
-@pytest.fixture(params=kernels.instruction_sets())
-def instruction_set(request):
-    before = kernels.instruction_set()
-    kernels.use_instruction_set(request.param)
-    yield request.param
-    kernels.use_instruction_set(before)
+    return poses(arm, joints(arm, count, seed))
 
 
 @pytest.mark.parametrize("name", NAMES)
