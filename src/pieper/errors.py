@@ -77,6 +77,10 @@ class MissingExtraError(PieperError, ImportError):
         return type(self), (self.package, self.extra, self.purpose)
 
 
+class RosError(PieperError):
+    """A ROS 2 name, type, message, parameter or network setting is not what it has to be."""
+
+
 class PieperWarning(UserWarning):
     """Something was missing or doubtful, and the work went on without it."""
 

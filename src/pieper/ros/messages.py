@@ -1,0 +1,437 @@
+"""ROS 2 interface types by name: build from fields, to and from CDR bytes, type hashes.
+
+The types that rosbags ships are used as they are; the others (services, actions, MoveIt's and ros2_control's messages)
+are read from the interface texts in ``interfaces/``, which have the folders and the syntax that rosidl knows. A service
+``pkg/srv/Name`` gives the types ``pkg/srv/Name_Request`` and ``_Response``; an action gives its goal, result, feedback
+and the requests and responses of its hidden services.
+
+References
+----------
+ROS 2 interface definitions (docs.ros.org, "Interfaces"), REP-2011 and REP-2016 (type descriptions and their hashes),
+OMG DDS-XTypes 1.3, 7.4.1 (plain CDR, version 1).
+"""
+
+from __future__ import annotations
+
+import ast
+import operator
+import re
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pieper.errors import MissingExtraError, RosError, unknown_name
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+_INTERFACES = (
+    Path(__file__).parent / "interfaces",
+    Path(__file__).parents[3] / "ros2",  # in a checkout pieper_interfaces lies beside the package that builds it
+)
+_NAME = re.compile(r"([a-z][a-z0-9_]*)/(msg|srv|action)/([A-Z][A-Za-z0-9]*(?:_[A-Z][A-Za-z]*)*)")
+_PARTS = {"srv": ("Request", "Response"), "action": ("Goal", "Result", "Feedback")}
+_DEFAULTS = {"geometry_msgs/msg/Quaternion": {"w": 1.0}}  # rosbags drops the defaults of the types it ships
+_LARGEST = 2**28  # bytes: nothing that a robot arm sends is as large
+
+
+def make(type: str, message: Mapping[str, Any] | object | None = None, /, **fields: Any) -> Any:
+    """Build a message of a type from its fields.
+
+    Parameters
+    ----------
+    type : str
+        For example ``"geometry_msgs/msg/Point"``, or ``"std_srvs/srv/SetBool_Request"``.
+    message : mapping or message, optional
+        Fields as a mapping, nested ones too; or a message of this very type, which is returned as it is.
+    **fields
+        Fields by name; they go before those of ``message``. What is not given is 0, empty, or the type's own default.
+
+    Raises
+    ------
+    RosError
+        The type or a field is not known, or a value does not fit its field.
+
+    Examples
+    --------
+    >>> make("geometry_msgs/msg/Pose", position={"x": 1.0}).orientation.w
+    1.0
+    >>> make("geometry_msgs/msg/Point", r=1.0)
+    Traceback (most recent call last):
+    ...
+    pieper.errors.RosError: geometry_msgs/msg/Point has no field 'r'; its fields are: x, y, z
+    """
+    return _maker(type)(message, fields)
+
+
+def encode(type: str, message: object, /) -> bytes:
+    """Return a message as CDR bytes, with the four bytes of encapsulation before them.
+
+    Examples
+    --------
+    >>> encode("std_msgs/msg/String", make("std_msgs/msg/String", data="Hi")).hex(" ")
+    '00 01 00 00 03 00 00 00 48 69 00'
+    """
+    return bytes(_store_with(type).serialize_cdr(message, type))
+
+
+def decode(type: str, data: bytes | memoryview, /) -> Any:
+    """Read a message from CDR bytes.
+
+    Raises
+    ------
+    RosError
+        The bytes are not a message of this type: cut short, too long, or counts and strings that do not fit.
+    """
+    store = _store_with(type)
+    if len(data) > _LARGEST:
+        raise RosError(f"{type}: a message of {len(data)} bytes; at most {_LARGEST} are accepted")
+    try:
+        return store.deserialize_cdr(data, type)
+    except Exception as error:  # whatever hostile bytes do to the decoder, this is what it means
+        raise RosError(f"the bytes are not a {type}: {error}") from error
+
+
+def fields_of(type: str) -> tuple[str, ...]:
+    """Return the names of the fields of a message type, in order."""
+    return tuple(name for name, _ in _fielddefs(type))
+
+
+def as_fields(message: Any) -> Any:
+    """Return a message as plain mappings, lists and numbers.
+
+    Examples
+    --------
+    >>> as_fields(make("geometry_msgs/msg/Point", x=1.0))
+    {'x': 1.0, 'y': 0.0, 'z': 0.0}
+    """
+    if hasattr(message, "__dataclass_fields__"):
+        return {
+            name: as_fields(getattr(message, name))
+            for name in message.__dataclass_fields__
+            if name not in ("__msgtype__", _EMPTY)
+        }
+    if isinstance(message, list):
+        return [as_fields(item) for item in message]
+    return message.tolist() if isinstance(message, np.ndarray) else message
+
+
+def type_hash(type: str) -> str:
+    """Return the hash of a message or service type, ``RIHS01_...``, as rosidl gives it (REP-2016).
+
+    Examples
+    --------
+    >>> type_hash("std_msgs/msg/String")
+    'RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18'
+    """
+    store = _store_with(type)
+    package, kind, name = _split(type)
+    if kind == "srv" and not name.endswith(("_Request", "_Response", "_Event")):
+        _describe_service(f"{package}/srv/{name}")
+    elif kind == "action" and name.endswith(("_SendGoal", "_GetResult")):
+        _describe_service(f"{package}/action/{name}")
+    return str(store.hash_rihs01(type))
+
+
+# Types
+
+
+_EMPTY = "structure_needs_at_least_one_member"
+
+
+@cache
+def _store() -> Any:
+    try:
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise MissingExtraError("rosbags", "ros", "ROS 2 messages") from error
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for type, (constants, fields) in list(store.fielddefs.items()):
+        store.fielddefs[type] = (constants, [(name, _without_char(desc)) for name, desc in fields])
+    return store
+
+
+def _without_char(desc: Any) -> Any:
+    """A ``char`` of a .msg file is a uint8; rosbags hashes it as the char of IDL."""
+    if desc == "char":
+        return "uint8"
+    return type(desc)(_without_char(part) for part in desc) if type(desc) is tuple else desc
+
+
+def _split(type: str) -> tuple[str, str, str]:
+    match = _NAME.fullmatch(type)
+    if match is None:
+        raise RosError(f"{type!r} is not the name of a type; expected one such as 'sensor_msgs/msg/JointState'")
+    return match[1], match[2], match[3]
+
+
+def _store_with(type: str) -> Any:
+    """The store of types, in which the named one and all that it needs are present."""
+    store = _store()
+    if type not in store.fielddefs:
+        package, kind, name = _split(type)
+        _load(package, kind, name.partition("_")[0], type)
+    return store
+
+
+def _load(package: str, kind: str, stem: str, wanted: str) -> None:
+    for folder in _INTERFACES:
+        file = folder / package / kind / f"{stem}.{kind}"
+        if file.is_file():
+            _register(package, kind, stem, file.read_text(encoding="utf-8"))
+            return
+    known = sorted({*_store().fielddefs, *_known_files()})
+    raise RosError(str(unknown_name("type", wanted, [name for name in known if name.startswith(package)] or known)))
+
+
+def _known_files() -> Iterator[str]:
+    for folder in _INTERFACES:
+        for kind in ("msg", "srv", "action"):
+            for file in folder.glob(f"*/{kind}/*.{kind}"):
+                yield f"{file.parts[-3]}/{kind}/{file.stem}"
+
+
+def _register(package: str, kind: str, stem: str, text: str) -> None:
+    """Add the types of one interface file, and those that it refers to."""
+    from rosbags.typesys import get_types_from_msg
+
+    names = [f"{stem}_{part}" for part in _PARTS[kind]] if kind in _PARTS else [stem]
+    definitions: dict[str, Any] = {}
+    for name, part in zip(names, re.split(r"^---\s*$", text, flags=re.MULTILINE), strict=True):
+        type = f"{package}/{kind}/{name}"
+        ((constants, fields),) = get_types_from_msg(part, f"{package}/msg/{name}").values()
+        definitions[type] = (constants, [(field, _without_char(desc)) for field, desc in fields])
+        _DEFAULTS[type] = _defaults(part)
+    if kind == "action":
+        definitions |= _hidden_types(f"{package}/action/{stem}")
+    for constants_fields in definitions.values():
+        for needed in _named(constants_fields[1]):
+            if needed not in definitions:
+                _store_with(needed)
+    _store().register(definitions)
+
+
+def _hidden_types(action: str) -> dict[str, Any]:
+    """What rosidl makes of an action: design.ros2.org/articles/actions.html, "Introspection tools"."""
+    from rosbags.interfaces import Nodetype
+
+    def named(type: str) -> Any:
+        return (Nodetype.NAME, type)
+
+    def number(type: str) -> Any:
+        return (Nodetype.BASE, (type, 0))
+
+    goal_id = ("goal_id", named("unique_identifier_msgs/msg/UUID"))
+    return {
+        f"{action}_SendGoal_Request": ([], [goal_id, ("goal", named(f"{action}_Goal"))]),
+        f"{action}_SendGoal_Response": (
+            [],
+            [("accepted", number("bool")), ("stamp", named("builtin_interfaces/msg/Time"))],
+        ),
+        f"{action}_GetResult_Request": ([], [goal_id]),
+        f"{action}_GetResult_Response": ([], [("status", number("int8")), ("result", named(f"{action}_Result"))]),
+        f"{action}_FeedbackMessage": ([], [goal_id, ("feedback", named(f"{action}_Feedback"))]),
+    }
+
+
+def _named(fields: Any) -> Iterator[str]:
+    """Types that these fields refer to."""
+    from rosbags.interfaces import Nodetype
+
+    for _, (node, rest) in fields:
+        if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            yield from _named([("", rest[0])])
+        elif node == Nodetype.NAME:
+            yield rest
+
+
+def _defaults(text: str) -> dict[str, Any]:
+    """Default values of the fields of one interface text: a third word that is not a constant's ``=``."""
+    found = {}
+    for line in text.splitlines():
+        words = line.partition("#")[0].split(None, 2)
+        if len(words) == 3 and "=" not in words[1] and not words[2].startswith("="):
+            found[words[1]] = ast.literal_eval({"true": "True", "false": "False"}.get(words[2], words[2]))
+    return found
+
+
+@cache
+def _describe_service(type: str) -> None:
+    """Describe a service as rosidl does for its hash: a structure of request, response and event."""
+    from rosbags.interfaces import Nodetype
+
+    request, response, event = (f"{type}_{part}" for part in ("Request", "Response", "Event"))
+    fielddefs = _store_with(request).fielddefs
+    fielddefs[event] = (
+        [],
+        [
+            ("info", (Nodetype.NAME, "service_msgs/msg/ServiceEventInfo")),
+            ("request", (Nodetype.SEQUENCE, ((Nodetype.NAME, request), 1))),
+            ("response", (Nodetype.SEQUENCE, ((Nodetype.NAME, response), 1))),
+        ],
+    )
+    parts = {"request_message": request, "response_message": response, "event_message": event}
+    fielddefs[type] = ([], [(name, (Nodetype.NAME, part)) for name, part in parts.items()])
+
+
+def _fielddefs(type: str) -> list[tuple[str, Any]]:
+    return [field for field in _store_with(type).fielddefs[type][1] if field[0] != _EMPTY]
+
+
+# Values
+
+
+@cache
+def _maker(type: str) -> Callable[[Any, dict[str, Any]], Any]:
+    """What builds messages of this type; made once for each type."""
+    build = _store_with(type).types[type]
+    converters = {name: _converter(desc, f"{type}.{name}") for name, desc in _fielddefs(type)}
+    defaults = _DEFAULTS.get(type, {})
+    makers = {
+        name: (lambda convert=convert, value=defaults.get(name, _ABSENT): convert(value))
+        for name, convert in converters.items()
+    }
+    padding = {_EMPTY: 0} if _EMPTY in dict(_store().fielddefs[type][1]) else {}
+
+    def make(message: Any, fields: dict[str, Any]) -> Any:
+        if message is not None:
+            if not fields and getattr(message, "__msgtype__", None) == type:
+                return message
+            given = message if hasattr(message, "keys") else _attributes(message, converters, type)
+            fields = {**given, **fields}
+        values = {
+            name: convert(fields[name]) if name in fields else makers[name]() for name, convert in converters.items()
+        }
+        if not fields.keys() <= converters.keys():
+            odd = next(name for name in fields if name not in converters)
+            raise RosError(f"{type} has no field {odd!r}; its fields are: {', '.join(converters) or 'none'}")
+        return build(**values, **padding)
+
+    return make
+
+
+_ABSENT = object()
+
+
+def _attributes(message: Any, names: Mapping[str, Any], type: str) -> dict[str, Any]:
+    """The fields of a message of another library, for example one of rclpy's."""
+    try:
+        return {name: getattr(message, name) for name in names}
+    except AttributeError:
+        raise RosError(
+            f"{type} is made from a mapping of fields or from such a message, not from {message!r:.80}"
+        ) from None
+
+
+def _converter(desc: Any, where: str) -> Callable[[Any], Any]:
+    """What turns a value, or ``_ABSENT``, into what the encoder wants for this field."""
+    from rosbags.interfaces import Nodetype
+
+    node, rest = desc
+    if node == Nodetype.NAME:
+        maker = _maker(rest)
+        return lambda value: maker(None if value is _ABSENT else value, {})
+    if node == Nodetype.BASE:
+        return _scalar(*rest, where)
+    (inner, inner_rest), count = rest
+    fixed = count if node == Nodetype.ARRAY else None
+    bound = count if node == Nodetype.SEQUENCE and count else None
+    if inner == Nodetype.BASE and inner_rest[0] != "string":
+        return _numbers(inner_rest[0], fixed, bound, where)
+    return _list(_converter((inner, inner_rest), where), fixed, bound, where)
+
+
+def _scalar(name: str, limit: int, where: str) -> Callable[[Any], Any]:
+    if name == "string":
+
+        def convert(value: Any) -> Any:
+            if value is _ABSENT:
+                return ""
+            if not isinstance(value, str) or "\0" in value or (limit and len(value.encode()) > limit):
+                kind = f"text of at most {limit} bytes" if limit else "text without zero characters"
+                raise RosError(f"{where} must be {kind}, got {value!r:.80}")
+            return value
+
+    elif name == "bool":
+
+        def convert(value: Any) -> Any:
+            if value is _ABSENT:
+                return False
+            if not isinstance(value, bool | np.bool_):
+                raise RosError(f"{where} must be True or False, got {value!r:.80}")
+            return bool(value)
+
+    elif name.startswith("float"):
+
+        def convert(value: Any) -> Any:
+            if value is _ABSENT:
+                return 0.0
+            try:
+                return float(value)
+            except (TypeError, ValueError):
+                raise RosError(f"{where} must be a number, got {value!r:.80}") from None
+
+    else:
+        span = np.iinfo(_dtype(name))
+
+        def convert(value: Any) -> Any:
+            if value is _ABSENT:
+                return 0
+            try:
+                number = operator.index(value)
+            except TypeError:
+                number = None
+            if number is None or not span.min <= number <= span.max:
+                raise RosError(f"{where} must be an integer from {span.min} to {span.max}, got {value!r:.80}")
+            return number
+
+    return convert
+
+
+def _dtype(name: str) -> str:
+    return "uint8" if name in ("byte", "char", "octet") else name
+
+
+def _numbers(name: str, fixed: int | None, bound: int | None, where: str) -> Callable[[Any], Any]:
+    dtype = np.dtype(_dtype(name))
+
+    def convert(value: Any) -> Any:
+        if value is _ABSENT:
+            return np.zeros(fixed or 0, dtype)
+        if isinstance(value, bytes | bytearray | memoryview) and dtype == np.uint8:
+            value = np.frombuffer(value, np.uint8)
+        try:
+            given = np.asarray(value)
+            array = given.astype(dtype, casting="same_kind") if given.size else np.zeros(0, dtype)
+            if dtype.kind in "iu" and given.size and not np.array_equal(array, given):
+                array = None
+        except (TypeError, ValueError):
+            array = None
+        if array is None and dtype.kind == "u" and given.dtype.kind == "i" and given.min() >= 0:
+            array = given.astype(dtype)
+            array = array if np.array_equal(array, given) else None
+        if array is None or array.ndim != 1:
+            raise RosError(f"{where} must be a sequence of {name}, got {value!r:.80}")
+        return _counted(array, fixed, bound, where)
+
+    return convert
+
+
+def _list(convert_item: Callable[[Any], Any], fixed: int | None, bound: int | None, where: str) -> Callable[[Any], Any]:
+    def convert(value: Any) -> Any:
+        if value is _ABSENT:
+            return [convert_item(_ABSENT) for _ in range(fixed or 0)]
+        if isinstance(value, str | bytes) or hasattr(value, "keys") or not hasattr(value, "__iter__"):
+            raise RosError(f"{where} must be a list, got {value!r:.80}")
+        return _counted([convert_item(item) for item in value], fixed, bound, where)
+
+    return convert
+
+
+def _counted(items: Any, fixed: int | None, bound: int | None, where: str) -> Any:
+    if (fixed is not None and len(items) != fixed) or (bound is not None and len(items) > bound):
+        wanted = f"exactly {fixed}" if fixed is not None else f"at most {bound}"
+        raise RosError(f"{where} holds {wanted} values, got {len(items)}")
+    return items

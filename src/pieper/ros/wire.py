@@ -1,0 +1,80 @@
+"""What a backend without rclpy has to bring: endpoints that move CDR bytes.
+
+:class:`pieper.ros.plain.PlainBus` makes a :class:`~pieper.ros.bus.Bus` of these. Names are fully resolved here
+(``"/cell2/joint_states"``), types are ROS names, and bytes are CDR with their encapsulation. Everything is delivered from
+within :meth:`Wire.wait`, in the thread that spins.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from pieper.ros.bus import QoS
+
+
+class Endpoint(Protocol):
+    """Something on the network that can be taken away again."""
+
+    def close(self) -> None:
+        """Leave the network."""
+
+
+class Writer(Endpoint, Protocol):
+    """The sending side of a topic."""
+
+    def write(self, data: bytes) -> None:
+        """Send one sample."""
+
+    @property
+    def matched(self) -> int:
+        """Number of readers that are matched now."""
+
+
+class Reader(Endpoint, Protocol):
+    """The listening side of a topic."""
+
+    @property
+    def matched(self) -> int:
+        """Number of writers that are matched now."""
+
+
+class Caller(Endpoint, Protocol):
+    """The asking side of a service."""
+
+    def send(self, request: bytes, deliver: Callable[[bytes], None]) -> None:
+        """Send a request; ``deliver(response)`` is called at most once, when its answer is here."""
+
+    @property
+    def ready(self) -> bool:
+        """Whether a server is matched in both directions."""
+
+
+class Wire(Protocol):
+    """A node's connection to a network."""
+
+    def open_writer(self, topic: str, type: str, qos: QoS) -> Writer:
+        """Start sending on a topic."""
+
+    def open_reader(self, topic: str, type: str, qos: QoS, deliver: Callable[[bytes], None]) -> Reader:
+        """Start listening to a topic."""
+
+    def open_server(self, service: str, type: str, answer: Callable[[bytes], bytes]) -> Endpoint:
+        """Start answering a service: ``answer(request)`` returns the response."""
+
+    def open_caller(self, service: str, type: str) -> Caller:
+        """Start asking a service."""
+
+    def wait(self, timeout: float) -> None:
+        """Deliver what is there; if nothing is, wait for something, at most ``timeout`` seconds, and deliver that."""
+
+    def wake(self) -> None:
+        """End a :meth:`wait` early; safe from any thread and from a signal handler."""
+
+    def check(self) -> str | None:
+        """Look after the connection: called about twice a second; a sentence if something had to be repaired."""
+
+    def close(self) -> None:
+        """Leave the network with all endpoints."""
