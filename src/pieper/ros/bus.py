@@ -193,14 +193,14 @@ class Bus(ABC):
     # Topics
 
     @abstractmethod
-    def publisher(self, topic: str, type: str, *, qos: QoS = DEFAULT) -> Publisher:
+    def publisher(self, topic: str, type_name: str, *, qos: QoS = DEFAULT) -> Publisher:
         """Make a publisher.
 
         Parameters
         ----------
         topic : str
             Relative (``"target"``), private (``"~/state"``) or absolute (``"/tf"``); remapping applies.
-        type : str
+        type_name : str
             For example ``"geometry_msgs/msg/Point"``.
         qos : QoS
             Quality of service.
@@ -212,13 +212,15 @@ class Bus(ABC):
         """
 
     @abstractmethod
-    def subscribe(self, topic: str, type: str, callback: Callable[[Any], None], *, qos: QoS = DEFAULT) -> Subscription:
+    def subscribe(
+        self, topic: str, type_name: str, callback: Callable[[Any], None], *, qos: QoS = DEFAULT
+    ) -> Subscription:
         """Call ``callback(message)`` for every message of a topic; parameters as for :meth:`publisher`."""
 
     # Services
 
     @abstractmethod
-    def serve(self, name: str, type: str, callback: Callable[[Any], Mapping[str, Any] | object]) -> Service:
+    def serve(self, name: str, type_name: str, callback: Callable[[Any], Mapping[str, Any] | object]) -> Service:
         """Answer a service: ``callback(request)`` returns the fields of the response.
 
         A callback that raises gets the caller a response with every field at its default, and the error goes to the
@@ -226,7 +228,7 @@ class Bus(ABC):
         """
 
     @abstractmethod
-    def client(self, name: str, type: str) -> Client:
+    def client(self, name: str, type_name: str) -> Client:
         """Make a client of a service."""
 
     def call(

@@ -37,12 +37,12 @@ _DEFAULTS = {"geometry_msgs/msg/Quaternion": {"w": 1.0}}  # rosbags drops the de
 _LARGEST = 2**28  # bytes: nothing that a robot arm sends is as large
 
 
-def make(type: str, message: Mapping[str, Any] | object | None = None, /, **fields: Any) -> Any:
+def make(type_name: str, message: Mapping[str, Any] | object | None = None, /, **fields: Any) -> Any:
     """Build a message of a type from its fields.
 
     Parameters
     ----------
-    type : str
+    type_name : str
         For example ``"geometry_msgs/msg/Point"``, or ``"std_srvs/srv/SetBool_Request"``.
     message : mapping or message, optional
         Fields as a mapping, nested ones too; or a message of this very type, which is returned as it is.
@@ -63,10 +63,10 @@ def make(type: str, message: Mapping[str, Any] | object | None = None, /, **fiel
     ...
     pieper.errors.RosError: geometry_msgs/msg/Point has no field 'r'; its fields are: x, y, z
     """
-    return _maker(type)(message, fields)
+    return _maker(type_name)(message, fields)
 
 
-def encode(type: str, message: object, /) -> bytes:
+def encode(type_name: str, message: object, /) -> bytes:
     """Return a message as CDR bytes, with the four bytes of encapsulation before them.
 
     Examples
@@ -74,10 +74,10 @@ def encode(type: str, message: object, /) -> bytes:
     >>> encode("std_msgs/msg/String", make("std_msgs/msg/String", data="Hi")).hex(" ")
     '00 01 00 00 03 00 00 00 48 69 00'
     """
-    return bytes(_store_with(type).serialize_cdr(message, type))
+    return bytes(_store_with(type_name).serialize_cdr(message, type_name))
 
 
-def decode(type: str, data: bytes | memoryview, /) -> Any:
+def decode(type_name: str, data: bytes | memoryview, /) -> Any:
     """Read a message from CDR bytes.
 
     Raises
@@ -85,18 +85,18 @@ def decode(type: str, data: bytes | memoryview, /) -> Any:
     RosError
         The bytes are not a message of this type: cut short, too long, or counts and strings that do not fit.
     """
-    store = _store_with(type)
+    store = _store_with(type_name)
     if len(data) > _LARGEST:
-        raise RosError(f"{type}: a message of {len(data)} bytes; at most {_LARGEST} are accepted")
+        raise RosError(f"{type_name}: a message of {len(data)} bytes; at most {_LARGEST} are accepted")
     try:
-        return store.deserialize_cdr(data, type)
+        return store.deserialize_cdr(data, type_name)
     except Exception as error:  # whatever hostile bytes do to the decoder, this is what it means
-        raise RosError(f"the bytes are not a {type}: {error}") from error
+        raise RosError(f"the bytes are not a {type_name}: {error}") from error
 
 
-def fields_of(type: str) -> tuple[str, ...]:
+def fields_of(type_name: str) -> tuple[str, ...]:
     """Return the names of the fields of a message type, in order."""
-    return tuple(name for name, _ in _fielddefs(type))
+    return tuple(name for name, _ in _fielddefs(type_name))
 
 
 def as_fields(message: Any) -> Any:
@@ -118,7 +118,7 @@ def as_fields(message: Any) -> Any:
     return message.tolist() if isinstance(message, np.ndarray) else message
 
 
-def type_hash(type: str) -> str:
+def type_hash(type_name: str) -> str:
     """Return the hash of a message or service type, ``RIHS01_...``, as rosidl gives it (REP-2016).
 
     Examples
@@ -126,13 +126,13 @@ def type_hash(type: str) -> str:
     >>> type_hash("std_msgs/msg/String")
     'RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18'
     """
-    store = _store_with(type)
-    package, kind, name = _split(type)
+    store = _store_with(type_name)
+    package, kind, name = _split(type_name)
     if kind == "srv" and not name.endswith(("_Request", "_Response", "_Event")):
         _describe_service(f"{package}/srv/{name}")
     elif kind == "action" and name.endswith(("_SendGoal", "_GetResult")):
         _describe_service(f"{package}/action/{name}")
-    return str(store.hash_rihs01(type))
+    return str(store.hash_rihs01(type_name))
 
 
 # Types
@@ -148,8 +148,8 @@ def _store() -> Any:
     except ImportError as error:
         raise MissingExtraError("rosbags", "ros", "ROS 2 messages") from error
     store = get_typestore(Stores.ROS2_JAZZY)
-    for type, (constants, fields) in list(store.fielddefs.items()):
-        store.fielddefs[type] = (constants, [(name, _without_char(desc)) for name, desc in fields])
+    for type_name, (constants, fields) in list(store.fielddefs.items()):
+        store.fielddefs[type_name] = (constants, [(name, _without_char(desc)) for name, desc in fields])
     return store
 
 
@@ -160,19 +160,19 @@ def _without_char(desc: Any) -> Any:
     return type(desc)(_without_char(part) for part in desc) if type(desc) is tuple else desc
 
 
-def _split(type: str) -> tuple[str, str, str]:
-    match = _NAME.fullmatch(type)
+def _split(type_name: str) -> tuple[str, str, str]:
+    match = _NAME.fullmatch(type_name)
     if match is None:
-        raise RosError(f"{type!r} is not the name of a type; expected one such as 'sensor_msgs/msg/JointState'")
+        raise RosError(f"{type_name!r} is not the name of a type; expected one such as 'sensor_msgs/msg/JointState'")
     return match[1], match[2], match[3]
 
 
-def _store_with(type: str) -> Any:
+def _store_with(type_name: str) -> Any:
     """The store of types, in which the named one and all that it needs are present."""
     store = _store()
-    if type not in store.fielddefs:
-        package, kind, name = _split(type)
-        _load(package, kind, name.partition("_")[0], type)
+    if type_name not in store.fielddefs:
+        package, kind, name = _split(type_name)
+        _load(package, kind, name.partition("_")[0], type_name)
     return store
 
 
@@ -200,10 +200,10 @@ def _register(package: str, kind: str, stem: str, text: str) -> None:
     names = [f"{stem}_{part}" for part in _PARTS[kind]] if kind in _PARTS else [stem]
     definitions: dict[str, Any] = {}
     for name, part in zip(names, re.split(r"^---\s*$", text, flags=re.MULTILINE), strict=True):
-        type = f"{package}/{kind}/{name}"
+        type_name = f"{package}/{kind}/{name}"
         ((constants, fields),) = get_types_from_msg(part, f"{package}/msg/{name}").values()
-        definitions[type] = (constants, [(field, _without_char(desc)) for field, desc in fields])
-        _DEFAULTS[type] = _defaults(part)
+        definitions[type_name] = (constants, [(field, _without_char(desc)) for field, desc in fields])
+        _DEFAULTS[type_name] = _defaults(part)
     if kind == "action":
         definitions |= _hidden_types(f"{package}/action/{stem}")
     for constants_fields in definitions.values():
@@ -217,11 +217,11 @@ def _hidden_types(action: str) -> dict[str, Any]:
     """What rosidl makes of an action: design.ros2.org/articles/actions.html, "Introspection tools"."""
     from rosbags.interfaces import Nodetype
 
-    def named(type: str) -> Any:
-        return (Nodetype.NAME, type)
+    def named(type_name: str) -> Any:
+        return (Nodetype.NAME, type_name)
 
-    def number(type: str) -> Any:
-        return (Nodetype.BASE, (type, 0))
+    def number(type_name: str) -> Any:
+        return (Nodetype.BASE, (type_name, 0))
 
     goal_id = ("goal_id", named("unique_identifier_msgs/msg/UUID"))
     return {
@@ -258,11 +258,11 @@ def _defaults(text: str) -> dict[str, Any]:
 
 
 @cache
-def _describe_service(type: str) -> None:
+def _describe_service(type_name: str) -> None:
     """Describe a service as rosidl does for its hash: a structure of request, response and event."""
     from rosbags.interfaces import Nodetype
 
-    request, response, event = (f"{type}_{part}" for part in ("Request", "Response", "Event"))
+    request, response, event = (f"{type_name}_{part}" for part in ("Request", "Response", "Event"))
     fielddefs = _store_with(request).fielddefs
     fielddefs[event] = (
         [],
@@ -273,40 +273,34 @@ def _describe_service(type: str) -> None:
         ],
     )
     parts = {"request_message": request, "response_message": response, "event_message": event}
-    fielddefs[type] = ([], [(name, (Nodetype.NAME, part)) for name, part in parts.items()])
+    fielddefs[type_name] = ([], [(name, (Nodetype.NAME, part)) for name, part in parts.items()])
 
 
-def _fielddefs(type: str) -> list[tuple[str, Any]]:
-    return [field for field in _store_with(type).fielddefs[type][1] if field[0] != _EMPTY]
+def _fielddefs(type_name: str) -> list[tuple[str, Any]]:
+    return [field for field in _store_with(type_name).fielddefs[type_name][1] if field[0] != _EMPTY]
 
 
 # Values
 
 
 @cache
-def _maker(type: str) -> Callable[[Any, dict[str, Any]], Any]:
+def _maker(type_name: str) -> Callable[[Any, dict[str, Any]], Any]:
     """What builds messages of this type; made once for each type."""
-    build = _store_with(type).types[type]
-    converters = {name: _converter(desc, f"{type}.{name}") for name, desc in _fielddefs(type)}
-    defaults = _DEFAULTS.get(type, {})
-    makers = {
-        name: (lambda convert=convert, value=defaults.get(name, _ABSENT): convert(value))
-        for name, convert in converters.items()
-    }
-    padding = {_EMPTY: 0} if _EMPTY in dict(_store().fielddefs[type][1]) else {}
+    build = _store_with(type_name).types[type_name]
+    converters = {name: _converter(desc, f"{type_name}.{name}") for name, desc in _fielddefs(type_name)}
+    defaults = {name: _DEFAULTS.get(type_name, {}).get(name, _ABSENT) for name in converters}
+    padding = {_EMPTY: 0} if _EMPTY in dict(_store().fielddefs[type_name][1]) else {}
 
     def make(message: Any, fields: dict[str, Any]) -> Any:
         if message is not None:
-            if not fields and getattr(message, "__msgtype__", None) == type:
+            if not fields and getattr(message, "__msgtype__", None) == type_name:
                 return message
-            given = message if hasattr(message, "keys") else _attributes(message, converters, type)
+            given = message if hasattr(message, "keys") else _attributes(message, converters, type_name)
             fields = {**given, **fields}
-        values = {
-            name: convert(fields[name]) if name in fields else makers[name]() for name, convert in converters.items()
-        }
+        values = {name: convert(fields.get(name, defaults[name])) for name, convert in converters.items()}
         if not fields.keys() <= converters.keys():
             odd = next(name for name in fields if name not in converters)
-            raise RosError(f"{type} has no field {odd!r}; its fields are: {', '.join(converters) or 'none'}")
+            raise RosError(f"{type_name} has no field {odd!r}; its fields are: {', '.join(converters) or 'none'}")
         return build(**values, **padding)
 
     return make
@@ -315,13 +309,13 @@ def _maker(type: str) -> Callable[[Any, dict[str, Any]], Any]:
 _ABSENT = object()
 
 
-def _attributes(message: Any, names: Mapping[str, Any], type: str) -> dict[str, Any]:
+def _attributes(message: Any, names: Mapping[str, Any], type_name: str) -> dict[str, Any]:
     """The fields of a message of another library, for example one of rclpy's."""
     try:
         return {name: getattr(message, name) for name in names}
     except AttributeError:
         raise RosError(
-            f"{type} is made from a mapping of fields or from such a message, not from {message!r:.80}"
+            f"{type_name} is made from a mapping of fields or from such a message, not from {message!r:.80}"
         ) from None
 
 
@@ -334,7 +328,8 @@ def _converter(desc: Any, where: str) -> Callable[[Any], Any]:
         maker = _maker(rest)
         return lambda value: maker(None if value is _ABSENT else value, {})
     if node == Nodetype.BASE:
-        return _scalar(*rest, where)
+        name, limit = rest
+        return _scalar(name, limit, where)
     (inner, inner_rest), count = rest
     fixed = count if node == Nodetype.ARRAY else None
     bound = count if node == Nodetype.SEQUENCE and count else None
@@ -402,21 +397,28 @@ def _numbers(name: str, fixed: int | None, bound: int | None, where: str) -> Cal
             return np.zeros(fixed or 0, dtype)
         if isinstance(value, bytes | bytearray | memoryview) and dtype == np.uint8:
             value = np.frombuffer(value, np.uint8)
-        try:
-            given = np.asarray(value)
-            array = given.astype(dtype, casting="same_kind") if given.size else np.zeros(0, dtype)
-            if dtype.kind in "iu" and given.size and not np.array_equal(array, given):
-                array = None
-        except (TypeError, ValueError):
-            array = None
-        if array is None and dtype.kind == "u" and given.dtype.kind == "i" and given.min() >= 0:
-            array = given.astype(dtype)
-            array = array if np.array_equal(array, given) else None
+        array = _as_dtype(value, dtype)
         if array is None or array.ndim != 1:
             raise RosError(f"{where} must be a sequence of {name}, got {value!r:.80}")
         return _counted(array, fixed, bound, where)
 
     return convert
+
+
+def _as_dtype(value: Any, dtype: np.dtype[Any]) -> Any:
+    """The values as an array of this type; None where some would have to change."""
+    try:
+        given = np.asarray(value)
+    except (TypeError, ValueError):
+        return None
+    if given.size == 0 or given.dtype == dtype:
+        return given.astype(dtype)
+    if dtype.kind == "f":
+        return given.astype(dtype) if given.dtype.kind in "iuf" else None
+    if given.dtype.kind != dtype.kind and not (given.dtype.kind in "iu" and dtype.kind in "iu"):
+        return None
+    array = given.astype(dtype)
+    return array if np.array_equal(array, given) else None
 
 
 def _list(convert_item: Callable[[Any], Any], fixed: int | None, bound: int | None, where: str) -> Callable[[Any], Any]:

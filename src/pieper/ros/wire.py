@@ -55,16 +55,16 @@ class Caller(Endpoint, Protocol):
 class Wire(Protocol):
     """A node's connection to a network."""
 
-    def open_writer(self, topic: str, type: str, qos: QoS) -> Writer:
+    def open_writer(self, topic: str, type_name: str, qos: QoS) -> Writer:
         """Start sending on a topic."""
 
-    def open_reader(self, topic: str, type: str, qos: QoS, deliver: Callable[[bytes], None]) -> Reader:
+    def open_reader(self, topic: str, type_name: str, qos: QoS, deliver: Callable[[bytes], None]) -> Reader:
         """Start listening to a topic."""
 
-    def open_server(self, service: str, type: str, answer: Callable[[bytes], bytes]) -> Endpoint:
+    def open_server(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> Endpoint:
         """Start answering a service: ``answer(request)`` returns the response."""
 
-    def open_caller(self, service: str, type: str) -> Caller:
+    def open_caller(self, service: str, type_name: str) -> Caller:
         """Start asking a service."""
 
     def wait(self, timeout: float) -> None:
