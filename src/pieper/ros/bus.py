@@ -1,19 +1,37 @@
 """The one small interface between a node and its network: topics, services, parameters, timers, clock, log.
 
-A node is written against :class:`Bus` and knows no backend. Three backends implement it: ``rclpy`` where ROS 2 is
-installed, ``bare`` (DDS by itself) where it is not, and ``fake`` inside one process for tests. All callbacks run in
-the thread that spins the bus, one at a time, so a node needs no locks.
+A node is written against :class:`Bus` and knows no backend. What moves the bytes is a :class:`~pieper.ros.wire.Wire`,
+and there are three: ``rclpy`` where ROS 2 is installed, ``bare`` (DDS by itself) where it is not, and ``fake`` inside
+one process for tests. All callbacks run in the thread that spins the bus, one at a time, so a node needs no locks.
 
 Types are named as ROS names them, ``"sensor_msgs/msg/JointState"``. What is sent is given by its fields; what arrives
-is an object with those fields as attributes. Numeric sequences may arrive as NumPy arrays or as ``array.array``: take
-``numpy.asarray(message.position)``.
+is an object with those fields as attributes, numeric sequences as NumPy arrays.
+
+Examples
+--------
+>>> from pieper.ros.fake import FakeNetwork
+>>> network = FakeNetwork()
+>>> camera, arm = network.bus("camera"), network.bus("arm")
+>>> heard = arm.subscribe("target", "geometry_msgs/msg/Point", lambda point: print(point.x))
+>>> camera.publisher("target", "geometry_msgs/msg/Point").send(x=0.3)
+>>> network.settle()
+0.3
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+import heapq
+import itertools
+import sys
+import time
+import traceback
+from typing import TYPE_CHECKING, Any
+
+from pieper.errors import PieperError, RosError
+from pieper.ros import messages
+from pieper.ros.names import resolve
+from pieper.ros.parameters import Parameter, Parameters, serve_parameters
+from pieper.ros.qos import CLOCK, DEFAULT, ROSOUT, QoS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -21,48 +39,26 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-Value = TypeVar("Value", bound="bool | int | float | str | list[bool] | list[int] | list[float] | list[str]")
+    from pieper.ros.arguments import Arguments
+    from pieper.ros.wire import Caller, Endpoint, Reader, Wire, Writer
+
+_LEVELS = {"debug": 10, "info": 20, "warn": 30, "error": 40, "fatal": 50}
+_CHECK_EVERY = 0.5  # seconds between looks at the health of the wire
+_LONGEST_WAIT = 0.1  # seconds; a signal that arrives while waiting is seen within this time
 
 
-@dataclass(frozen=True)
-class QoS:
-    """Quality of service of a topic; publisher and subscriber have to be compatible, as in ROS 2.
+class Publisher:
+    """The side of a topic that sends; made by :meth:`Bus.publisher`.
 
     Attributes
     ----------
-    reliable : bool
-        Lost samples are sent again. A reliable subscriber does not hear a best-effort publisher.
-    transient_local : bool
-        Late subscribers still get the last ``depth`` samples ("latched").
-    depth : int
-        How many samples are kept on either side: the bound of every queue.
-    lifespan : float
-        Seconds after which a sample is thrown away; infinite by default.
+    topic, type : str
+        Full name of the topic, and its type.
     """
 
-    reliable: bool = True
-    transient_local: bool = False
-    depth: int = 10
-    lifespan: float = float("inf")
+    def __init__(self, topic: str, type_name: str, writer: Writer) -> None:
+        self.topic, self.type, self._writer = topic, type_name, writer
 
-
-DEFAULT = QoS()
-SENSOR = QoS(reliable=False, depth=5)
-LATCHED = QoS(transient_local=True, depth=1)
-TF = QoS(depth=100)
-ROSOUT = QoS(transient_local=True, depth=1000, lifespan=10.0)
-CLOCK = QoS(reliable=False, depth=1)
-SERVICES = QoS(depth=10)
-PARAMETER_EVENTS = QoS(depth=1000)
-
-
-class Publisher(ABC):
-    """One side of a topic that sends."""
-
-    topic: str
-    type: str
-
-    @abstractmethod
     def send(self, message: Mapping[str, Any] | object | None = None, /, **fields: Any) -> None:
         """Send a message made from its fields; those that are not given take their defaults.
 
@@ -78,121 +74,166 @@ class Publisher(ABC):
         RosError
             A field is unknown to the type, or a value does not fit its field. Nothing is sent then.
         """
+        self._writer.write(messages.encode(self.type, messages.make(self.type, message, **fields)))
 
     @property
-    @abstractmethod
     def subscribers(self) -> int:
         """Number of subscribers that are matched now."""
+        return self._writer.matched
 
-    @abstractmethod
     def close(self) -> None:
         """Leave the topic."""
+        self._writer.close()
 
 
-class Subscription(ABC):
-    """One side of a topic that listens."""
+class Subscription:
+    """The side of a topic that listens; made by :meth:`Bus.subscribe`.
 
-    topic: str
-    type: str
+    Attributes
+    ----------
+    topic, type : str
+        Full name of the topic, and its type.
+    undecodable : int
+        Number of samples that were dropped because their bytes did not fit the type.
+    """
+
+    _reader: Reader
+
+    def __init__(self, topic: str, type_name: str) -> None:
+        self.topic, self.type, self.undecodable = topic, type_name, 0
 
     @property
-    @abstractmethod
     def publishers(self) -> int:
         """Number of publishers that are matched now."""
+        return self._reader.matched
 
-    @property
-    @abstractmethod
-    def undecodable(self) -> int:
-        """Number of samples that were dropped because their bytes did not fit the type."""
-
-    @abstractmethod
     def close(self) -> None:
         """Leave the topic."""
+        self._reader.close()
 
 
-class Service(ABC):
-    """A service that this node answers."""
+class Service:
+    """A service that this node answers; made by :meth:`Bus.serve`.
 
-    name: str
-    type: str
+    Attributes
+    ----------
+    name, type : str
+        Full name of the service, and its type.
+    """
 
-    @abstractmethod
+    _server: Endpoint
+
+    def __init__(self, name: str, type_name: str) -> None:
+        self.name, self.type = name, type_name
+
     def close(self) -> None:
         """Stop answering."""
+        self._server.close()
 
 
-class Client(ABC):
-    """A service that another node answers."""
+class Client:
+    """A service that another node answers; made by :meth:`Bus.client`.
 
-    name: str
-    type: str
+    Attributes
+    ----------
+    name, type : str
+        Full name of the service, and its type.
+    """
+
+    def __init__(self, name: str, type_name: str, caller: Caller, run: Callable[[str, Callable[[], Any]], None]) -> None:
+        self.name, self.type, self._caller, self._run = name, type_name, caller, run
 
     @property
-    @abstractmethod
     def ready(self) -> bool:
         """Whether a server is there now."""
+        return self._caller.ready
 
-    @abstractmethod
     def send(
-        self, on_reply: Callable[[Any], None], message: Mapping[str, Any] | object | None = None, /, **fields: Any
+        self, on_reply: Callable[[Any], Any], message: Mapping[str, Any] | object | None = None, /, **fields: Any
     ) -> None:
-        """Send a request; ``on_reply(response)`` is called from the spin when the answer arrives.
+        """Send a request; ``on_reply(response)`` is called from the spin when the answer is here.
 
         Raises
         ------
         RosError
             A field is unknown to the request, or a value does not fit.
         """
+        request = messages.make(f"{self.type}_Request", message, **fields)
 
-    @abstractmethod
+        def deliver(data: bytes) -> None:
+            self._run(f"answer of {self.name}", lambda: on_reply(messages.decode(f"{self.type}_Response", data)))
+
+        self._caller.send(messages.encode(f"{self.type}_Request", request), deliver)
+
     def close(self) -> None:
         """Forget the service; answers that are still to come are dropped."""
+        self._caller.close()
 
 
-class Timer(ABC):
-    """Something that happens again and again, on the clock of the bus."""
-
-    period: float
-
-    @abstractmethod
-    def cancel(self) -> None:
-        """No more calls."""
-
-
-class Parameter(ABC, Generic[Value]):
-    """A declared parameter; others may set it while the node runs, so read :attr:`value` when it is needed."""
-
-    name: str
-    description: str
-
-    @property
-    @abstractmethod
-    def value(self) -> Value:
-        """The value now."""
-
-
-class Bus(ABC):
-    """A node on a network.
-
-    Use it as a context manager, or :meth:`close` it.
+class Timer:
+    """Something that happens again and again; made by :meth:`Bus.timer`.
 
     Attributes
     ----------
-    backend : str
-        ``"rclpy"``, ``"bare"`` or ``"fake"``.
-    node : str
-        Name of the node, without its namespace.
-    namespace : str
-        ``"/"`` or ``"/cell2"``.
+    period : float
+        Seconds between two calls.
     """
 
-    backend: str
-    node: str
-    namespace: str
+    def __init__(self, period: float, due: int, callback: Callable[[], Any]) -> None:
+        self.period, self._due, self._callback, self._cancelled = period, due, callback, False
+
+    def cancel(self) -> None:
+        """No more calls."""
+        self._cancelled = True
+
+
+class Bus:
+    """A node on a network.
+
+    Use it as a context manager, or :meth:`close` it. :func:`pieper.ros.open_bus` makes one.
+
+    Parameters
+    ----------
+    wire : Wire
+        The connection; the bus closes it.
+    node : str
+        Name of the node, unless the arguments rename it.
+    arguments : Arguments
+        What ``--ros-args`` said.
+    backend : str
+        ``"rclpy"``, ``"bare"`` or ``"fake"``.
+
+    Attributes
+    ----------
+    backend, node, namespace : str
+        As above; the namespace is ``"/"`` or such as ``"/cell2"``.
+    errors : list of Exception
+        The last hundred errors that callbacks raised; each went to the log, and the node went on.
+    """
+
+    def __init__(self, wire: Wire, *, node: str, arguments: Arguments, backend: str) -> None:
+        self.backend = backend
+        self.node = arguments.node or node
+        self.namespace = arguments.namespace or "/"
+        self.errors: list[Exception] = []
+        self._wire = wire
+        self._remaps = arguments.remaps
+        self._threshold = _LEVELS[arguments.log_level or "info"]
+        self._ok, self._closed = True, False
+        self._timers: list[tuple[int, int, Timer]] = []
+        self._tie_break = itertools.count()
+        self._checked = time.monotonic()
+        self._clock: Subscription | None = None
+        self._sim_time, self._last_time, self._last_simulated = 0, 0, False
+        self._parameters = Parameters(arguments.parameters)
+        self._use_sim_time: Parameter[bool] = self.parameter(
+            "use_sim_time", False, description="take the time from /clock"
+        )
+        self._rosout = self.publisher("/rosout", "rcl_interfaces/msg/Log", qos=ROSOUT)
+        serve_parameters(self, self._parameters)
 
     # Topics
 
-    @abstractmethod
     def publisher(self, topic: str, type_name: str, *, qos: QoS = DEFAULT) -> Publisher:
         """Make a publisher.
 
@@ -210,26 +251,60 @@ class Bus(ABC):
         RosError
             The name is not a valid topic name, or the type is not known.
         """
+        name = self._resolve(topic)
+        messages.fields_of(type_name)
+        return Publisher(name, type_name, self._wire.open_writer(name, type_name, qos))
 
-    @abstractmethod
     def subscribe(
-        self, topic: str, type_name: str, callback: Callable[[Any], None], *, qos: QoS = DEFAULT
+        self, topic: str, type_name: str, callback: Callable[[Any], Any], *, qos: QoS = DEFAULT
     ) -> Subscription:
         """Call ``callback(message)`` for every message of a topic; parameters as for :meth:`publisher`."""
+        name = self._resolve(topic)
+        messages.fields_of(type_name)
+        subscription = Subscription(name, type_name)
+
+        def deliver(data: bytes) -> None:
+            try:
+                message = messages.decode(type_name, data)
+            except RosError as error:
+                subscription.undecodable += 1
+                if subscription.undecodable.bit_count() == 1:  # the 1st, 2nd, 4th, 8th ...: never a flood
+                    self.log("warn", f"{name}: sample dropped, the {subscription.undecodable}. so far: {error}")
+                return
+            self._run(f"callback of {name}", lambda: callback(message))
+
+        subscription._reader = self._wire.open_reader(name, type_name, qos, deliver)
+        return subscription
 
     # Services
 
-    @abstractmethod
     def serve(self, name: str, type_name: str, callback: Callable[[Any], Mapping[str, Any] | object]) -> Service:
         """Answer a service: ``callback(request)`` returns the fields of the response.
 
         A callback that raises gets the caller a response with every field at its default, and the error goes to the
         log: a server must not leave a caller waiting for ever.
         """
+        resolved = self._resolve(name)
+        request_type, response_type = f"{type_name}_Request", f"{type_name}_Response"
+        messages.fields_of(request_type)
 
-    @abstractmethod
+        def answer(data: bytes) -> bytes:
+            responses: list[Any] = []
+            self._run(
+                f"service {resolved}",
+                lambda: responses.append(messages.make(response_type, callback(messages.decode(request_type, data)))),
+            )
+            return messages.encode(response_type, responses[0] if responses else messages.make(response_type))
+
+        service = Service(resolved, type_name)
+        service._server = self._wire.open_server(resolved, type_name, answer)
+        return service
+
     def client(self, name: str, type_name: str) -> Client:
         """Make a client of a service."""
+        resolved = self._resolve(name)
+        messages.fields_of(f"{type_name}_Request")
+        return Client(resolved, type_name, self._wire.open_caller(resolved, type_name), self._run)
 
     def call(
         self, client: Client, timeout: float, message: Mapping[str, Any] | object | None = None, /, **fields: Any
@@ -250,29 +325,35 @@ class Bus(ABC):
         TimeoutError
             No server, or no answer in time; the message says which.
         """
-        import time
-
-        deadline = time.monotonic() + timeout
+        deadline = self._seconds() + timeout
         if not self.spin_until(lambda: client.ready, timeout=timeout):
             raise TimeoutError(f"no server for {client.name} ({client.type}) within {timeout:g} s")
         answers: list[Any] = []
         client.send(answers.append, message, **fields)
-        if not self.spin_until(lambda: bool(answers), timeout=max(0.0, deadline - time.monotonic())):
+        if not self.spin_until(lambda: bool(answers), timeout=max(0.0, deadline - self._seconds())):
             raise TimeoutError(f"no answer from {client.name} ({client.type}) within {timeout:g} s")
         return answers[0]
 
     # Time
 
-    @abstractmethod
-    def timer(self, period: float, callback: Callable[[], None]) -> Timer:
+    def timer(self, period: float, callback: Callable[[], Any]) -> Timer:
         """Call ``callback()`` every ``period`` seconds of the bus's clock, first after one period.
 
         A timer that has fallen behind is called once and goes on from there; missed calls are not made up for.
         """
+        if not 0.0 < period < float("inf"):
+            raise RosError(f"the period of a timer must be positive and finite, in seconds; got {period!r}")
+        timer = Timer(period, self.now() + round(period * 1e9), callback)
+        self._schedule(timer)
+        return timer
 
-    @abstractmethod
     def now(self) -> int:
         """Nanoseconds since 1970 by the clock of the bus: the system's, or ``/clock`` with ``use_sim_time``."""
+        if self._use_sim_time.value:
+            if self._clock is None:
+                self._clock = self.subscribe("/clock", "rosgraph_msgs/msg/Clock", self._on_clock, qos=CLOCK)
+            return self._sim_time
+        return self._system_time()
 
     def stamp(self) -> dict[str, int]:
         """Return :meth:`now` as the fields of ``builtin_interfaces/msg/Time``."""
@@ -281,17 +362,18 @@ class Bus(ABC):
 
     # Parameters and log
 
-    @abstractmethod
     def parameter(
         self,
         name: str,
-        default: Value,
+        default: Any,
         *,
         description: str = "",
-        check: Callable[[Value], None] | None = None,
+        check: Callable[[Any], Any] | None = None,
         read_only: bool = False,
-    ) -> Parameter[Value]:
+    ) -> Parameter[Any]:
         """Declare a parameter; its type is that of the default.
+
+        Others may set it while the node runs, so read ``.value`` when it is needed.
 
         Parameters
         ----------
@@ -311,46 +393,67 @@ class Bus(ABC):
         RosError
             The value given at the start has another type or is refused; the name is declared twice.
         """
+        return self._parameters.declare(name, default, description=description, check=check, read_only=read_only)
 
-    @abstractmethod
     def log(self, level: str, text: str) -> None:
         """Write a line to standard error and to ``/rosout``; ``level`` is debug, info, warn, error or fatal."""
+        if level not in _LEVELS:
+            raise RosError(f"no log level {level!r}; levels are: {', '.join(_LEVELS)}")
+        if _LEVELS[level] < self._threshold:
+            return
+        stamp = self.stamp()
+        name = f"{self.namespace}/{self.node}".strip("/").replace("/", ".")
+        self._print(f"[{level.upper()}] [{stamp['sec']}.{stamp['nanosec']:09d}] [{name}]: {text}")
+        if not self._closed:
+            self._rosout.send(stamp=stamp, level=_LEVELS[level], name=name, msg=text.replace("\0", " "))
 
     # Life
 
-    @abstractmethod
     def spin_once(self, timeout: float | None = None) -> None:
-        """Wait for something to do, at most ``timeout`` seconds (for ever if None), and do all of it."""
+        """Wait for something to do, at most ``timeout`` seconds, and do all of it.
 
-    @property
-    @abstractmethod
-    def ok(self) -> bool:
-        """False after :meth:`close`, :meth:`stop` or a signal to stop."""
-
-    @abstractmethod
-    def stop(self) -> None:
-        """Make :meth:`spin` return soon; safe from any thread and from a signal handler."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """Leave the network. Closing twice does no harm."""
+        It may return earlier with nothing done, so that signals and timers are seen.
+        """
+        if not self._ok:
+            return
+        wanted = float("inf") if timeout is None else timeout
+        self._wire.wait(max(0.0, min(wanted, self._until_timer(), _LONGEST_WAIT)))
+        self._run_timers()
+        if time.monotonic() - self._checked >= _CHECK_EVERY and self._ok:
+            self._checked = time.monotonic()
+            if repaired := self._wire.check():
+                self.log("warn", repaired)
 
     def spin(self) -> None:
         """Handle whatever comes until :meth:`stop`."""
-        while self.ok:
-            self.spin_once(None)
+        while self._ok:
+            self.spin_once()
 
     def spin_until(self, condition: Callable[[], bool], *, timeout: float | None = None) -> bool:
         """Spin until ``condition()`` holds; False if it did not within ``timeout`` seconds or the bus was stopped."""
-        import time
-
-        deadline = float("inf") if timeout is None else time.monotonic() + timeout
-        while self.ok and not condition():
-            remaining = deadline - time.monotonic()
+        deadline = float("inf") if timeout is None else self._seconds() + timeout
+        while self._ok and not condition():
+            remaining = deadline - self._seconds()
             if remaining <= 0.0:
                 break
-            self.spin_once(min(remaining, 0.05))
+            self.spin_once(min(remaining, 0.01))
         return condition()
+
+    @property
+    def ok(self) -> bool:
+        """False after :meth:`stop` or :meth:`close`."""
+        return self._ok
+
+    def stop(self) -> None:
+        """Make :meth:`spin` return soon; safe from any thread and from a signal handler."""
+        self._ok = False
+        self._wire.wake()
+
+    def close(self) -> None:
+        """Leave the network. Closing twice does no harm."""
+        if not self._closed:
+            self._ok, self._closed = False, True
+            self._wire.close()
 
     def __enter__(self) -> Self:
         """Return the bus itself."""
@@ -361,3 +464,63 @@ class Bus(ABC):
     ) -> None:
         """Leave the network."""
         self.close()
+
+    # Inner workings
+
+    def _resolve(self, name: str) -> str:
+        return resolve(name, namespace=self.namespace, node=self.node, remaps=self._remaps)
+
+    def _run(self, what: str, callback: Callable[[], Any]) -> None:
+        """Call back; whatever it raises goes to the log, and the node goes on."""
+        try:
+            callback()
+        except PieperError as error:
+            self.errors.append(error)
+            self.log("error", f"{what}: {error}")
+        except Exception as error:  # noqa: BLE001  a node must not fall over one bad message
+            self.errors.append(error)
+            self.log("error", f"{what}: {''.join(traceback.format_exception(error))}")
+        del self.errors[:-100]
+
+    def _run_timers(self) -> None:
+        now = self.now()
+        if self._use_sim_time.value != self._last_simulated or now < self._last_time:  # another clock, or it was reset
+            for _, _, timer in self._timers:
+                timer._due = now + round(timer.period * 1e9)
+            self._timers = [(timer._due, order, timer) for _, order, timer in self._timers]
+            heapq.heapify(self._timers)
+        self._last_time, self._last_simulated = now, self._use_sim_time.value
+        due = []
+        while self._timers and self._timers[0][0] <= now:
+            due.append(heapq.heappop(self._timers)[2])
+        for timer in due:
+            if self._ok and not timer._cancelled:
+                self._run("timer", timer._callback)
+                period = max(1, round(timer.period * 1e9))
+                timer._due += period * max(1, (now - timer._due) // period + 1)
+                self._schedule(timer)
+
+    def _schedule(self, timer: Timer) -> None:
+        heapq.heappush(self._timers, (timer._due, next(self._tie_break), timer))
+
+    def _until_timer(self) -> float:
+        """Seconds until the next timer is due; infinite if there is none, or if /clock will say."""
+        while self._timers and self._timers[0][2]._cancelled:
+            heapq.heappop(self._timers)
+        if not self._timers or self._use_sim_time.value:
+            return float("inf")
+        return max(0.0, (self._timers[0][0] - self.now()) * 1e-9)
+
+    def _on_clock(self, message: Any) -> None:
+        self._sim_time = int(message.clock.sec) * 1_000_000_000 + int(message.clock.nanosec)
+
+    # What a bus for tests does in its own way
+
+    def _system_time(self) -> int:
+        return time.time_ns()
+
+    def _seconds(self) -> float:
+        return time.monotonic()
+
+    def _print(self, line: str) -> None:
+        print(line, file=sys.stderr, flush=True)  # noqa: T201  where a node's log goes

@@ -1,6 +1,6 @@
 """What a backend without rclpy has to bring: endpoints that move CDR bytes.
 
-:class:`pieper.ros.plain.PlainBus` makes a :class:`~pieper.ros.bus.Bus` of these. Names are fully resolved here
+A :class:`pieper.ros.bus.Bus` is made on these. Names are fully resolved here
 (``"/cell2/joint_states"``), types are ROS names, and bytes are CDR with their encapsulation. Everything is delivered from
 within :meth:`Wire.wait`, in the thread that spins.
 """
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from pieper.ros.bus import QoS
+    from pieper.ros.qos import QoS
 
 
 class Endpoint(Protocol):

@@ -1,0 +1,196 @@
+"""The wire that rclpy gives, where ROS 2 is installed and sourced.
+
+Only the moving of bytes is rclpy's: topics are published and heard in serialised form, and names, parameters, timers and
+the log are those of :class:`~pieper.ros.bus.Bus`, the same on every backend. So the quality of service, the middleware
+(any ``RMW_IMPLEMENTATION``) and its security are those of the ROS installation.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from pieper.errors import MissingExtraError, RosError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from pieper.ros.qos import QoS
+
+_INNER = {  # the hidden parts of an action, as rosidl names them
+    "SendGoal": "SendGoalService",
+    "GetResult": "GetResultService",
+    "FeedbackMessage": "FeedbackMessage",
+}
+
+
+class RclWire:
+    """A node of rclpy.
+
+    Parameters
+    ----------
+    node, namespace : str
+        Full name of the node.
+
+    Raises
+    ------
+    MissingExtraError
+        rclpy cannot be imported.
+    """
+
+    def __init__(self, node: str, *, namespace: str) -> None:
+        try:
+            import rclpy
+            from rclpy.context import Context
+            from rclpy.executors import SingleThreadedExecutor
+        except ImportError as error:
+            raise MissingExtraError("rclpy", "ros", "the rclpy backend (source your ROS 2 first; pip cannot bring it)") from error
+        self._context = Context()
+        rclpy.init(args=[], context=self._context)
+        self._node = rclpy.create_node(
+            node,
+            namespace=namespace,
+            context=self._context,
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+
+    def open_writer(self, topic: str, type_name: str, qos: QoS) -> _RclWriter:
+        """Start sending on a topic."""
+        return _RclWriter(self._node, self._node.create_publisher(_class(type_name), topic, _profile(qos)))
+
+    def open_reader(self, topic: str, type_name: str, qos: QoS, deliver: Callable[[bytes], None]) -> _RclReader:
+        """Start listening to a topic."""
+        return _RclReader(
+            self._node,
+            self._node.create_subscription(_class(type_name), topic, deliver, _profile(qos), raw=True),
+            topic,
+        )
+
+    def open_server(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> _RclServer:
+        """Start answering a service."""
+        from rclpy.serialization import deserialize_message, serialize_message
+
+        service_class = _class(type_name)
+
+        def callback(request: Any, _: Any) -> Any:
+            return deserialize_message(answer(serialize_message(request)), service_class.Response)
+
+        return _RclServer(self._node, self._node.create_service(service_class, service, callback))
+
+    def open_caller(self, service: str, type_name: str) -> _RclCaller:
+        """Start asking a service."""
+        service_class = _class(type_name)
+        return _RclCaller(self._node, self._node.create_client(service_class, service), service_class)
+
+    def wait(self, timeout: float) -> None:
+        """Let rclpy work; it calls back from here."""
+        if self._context.ok():
+            self._executor.spin_once(timeout_sec=timeout)
+
+    def wake(self) -> None:
+        """End a wait early."""
+        self._executor.wake()
+
+    def check(self) -> str | None:
+        """Rclpy looks after its own connection."""
+        return None
+
+    def close(self) -> None:
+        """Leave the network."""
+        import rclpy
+
+        self._executor.shutdown(timeout_sec=1.0)
+        self._node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+
+class _RclWriter:
+    def __init__(self, node: Any, publisher: Any) -> None:
+        self._node, self._publisher = node, publisher
+
+    def write(self, data: bytes) -> None:
+        self._publisher.publish(data)  # bytes are taken for an already serialised message
+
+    @property
+    def matched(self) -> int:
+        return int(self._publisher.get_subscription_count())
+
+    def close(self) -> None:
+        self._node.destroy_publisher(self._publisher)
+
+
+class _RclReader:
+    def __init__(self, node: Any, subscription: Any, topic: str) -> None:
+        self._node, self._subscription, self._topic = node, subscription, topic
+
+    @property
+    def matched(self) -> int:
+        return int(self._node.count_publishers(self._topic))
+
+    def close(self) -> None:
+        self._node.destroy_subscription(self._subscription)
+
+
+class _RclServer:
+    def __init__(self, node: Any, service: Any) -> None:
+        self._node, self._service = node, service
+
+    def close(self) -> None:
+        self._node.destroy_service(self._service)
+
+
+class _RclCaller:
+    def __init__(self, node: Any, client: Any, service_class: Any) -> None:
+        self._node, self._client, self._class, self._open = node, client, service_class, True
+
+    def send(self, request: bytes, deliver: Callable[[bytes], None]) -> None:
+        from rclpy.serialization import deserialize_message, serialize_message
+
+        def done(future: Any) -> None:
+            if self._open and future.exception() is None and not future.cancelled():
+                deliver(serialize_message(future.result()))
+
+        self._client.call_async(deserialize_message(request, self._class.Request)).add_done_callback(done)
+
+    @property
+    def ready(self) -> bool:
+        return bool(self._client.service_is_ready())
+
+    def close(self) -> None:
+        self._open = False
+        self._node.destroy_client(self._client)
+
+
+def _class(type_name: str) -> Any:
+    """The Python class that rosidl generated for a type."""
+    package, kind, name = type_name.split("/")
+    try:
+        module = import_module(f"{package}.{kind}")
+        if kind == "action" and "_" in name:
+            action, _, part = name.partition("_")
+            return getattr(getattr(module, action).Impl, _INNER[part])
+        return getattr(module, name)
+    except (ImportError, AttributeError, KeyError) as error:
+        where = "build ros2/pieper_interfaces in your workspace" if package == "pieper_interfaces" else (
+            f"install it: apt install ros-$ROS_DISTRO-{package.replace('_', '-')}"
+        )
+        raise RosError(f"this ROS installation has no {type_name}; {where}, and source the workspace") from error
+
+
+def _profile(qos: QoS) -> Any:
+    from rclpy.duration import Duration
+    from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+    profile = QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=qos.depth,
+        reliability=ReliabilityPolicy.RELIABLE if qos.reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if qos.transient_local else DurabilityPolicy.VOLATILE,
+    )
+    if qos.lifespan != float("inf"):
+        profile.lifespan = Duration(nanoseconds=round(qos.lifespan * 1e9))
+    return profile
