@@ -17,8 +17,12 @@ _domains = itertools.count(1 + os.getpid() % 100)  # so that test runs side by s
 
 def backends():
     yield pytest.param("fake")
-    yield pytest.param("bare", marks=pytest.mark.skipif(find_spec("cyclonedds") is None, reason="cyclonedds is not installed"))
-    yield pytest.param("rclpy", marks=pytest.mark.skipif(find_spec("rclpy") is None, reason="no ROS 2 installation here"))
+    yield pytest.param(
+        "bare", marks=pytest.mark.skipif(find_spec("cyclonedds") is None, reason="cyclonedds is not installed")
+    )
+    yield pytest.param(
+        "rclpy", marks=pytest.mark.skipif(find_spec("rclpy") is None, reason="no ROS 2 installation here")
+    )
 
 
 class Network:

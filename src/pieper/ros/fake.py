@@ -130,7 +130,9 @@ class FakeNetwork:
 
     def readers_of(self, writer: _Writer) -> list[_Reader]:
         """Readers that hear this writer."""
-        return [r for r in self.readers if (r.topic, r.type) == (writer.topic, writer.type) and _fits(writer.qos, r.qos)]
+        return [
+            r for r in self.readers if (r.topic, r.type) == (writer.topic, writer.type) and _fits(writer.qos, r.qos)
+        ]
 
     def servers_of(self, caller: _Caller) -> list[_Server]:
         """Servers that answer this caller."""
@@ -236,6 +238,7 @@ class FakeBus(Bus):
         return count
 
     def close(self) -> None:
+        """Leave the network."""
         super().close()
         if self in self.network.buses:
             self.network.buses.remove(self)

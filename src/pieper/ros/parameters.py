@@ -243,6 +243,3 @@ def _listed(names: Iterable[str], prefixes: list[str], depth: int) -> dict[str, 
                 break
     heads = sorted({name.rpartition(".")[0] for name in found if "." in name})
     return {"names": found, "prefixes": heads}
-
-
-

@@ -44,7 +44,9 @@ class RclWire:
             from rclpy.context import Context
             from rclpy.executors import SingleThreadedExecutor
         except ImportError as error:
-            raise MissingExtraError("rclpy", "ros", "the rclpy backend (source your ROS 2 first; pip cannot bring it)") from error
+            raise MissingExtraError(
+                "rclpy", "ros", "the rclpy backend (source your ROS 2 first; pip cannot bring it)"
+            ) from error
         self._context = Context()
         rclpy.init(args=[], context=self._context)
         self._node = rclpy.create_node(
@@ -175,8 +177,10 @@ def _class(type_name: str) -> Any:
             return getattr(getattr(module, action).Impl, _INNER[part])
         return getattr(module, name)
     except (ImportError, AttributeError, KeyError) as error:
-        where = "build ros2/pieper_interfaces in your workspace" if package == "pieper_interfaces" else (
-            f"install it: apt install ros-$ROS_DISTRO-{package.replace('_', '-')}"
+        where = (
+            "build ros2/pieper_interfaces in your workspace"
+            if package == "pieper_interfaces"
+            else (f"install it: apt install ros-$ROS_DISTRO-{package.replace('_', '-')}")
         )
         raise RosError(f"this ROS installation has no {type_name}; {where}, and source the workspace") from error
 
