@@ -30,8 +30,8 @@ from typing import TYPE_CHECKING, Any
 from pieper.errors import PieperError, RosError
 from pieper.ros import messages
 from pieper.ros.names import resolve
-from pieper.ros.parameters import Parameter, Parameters, serve_parameters
-from pieper.ros.qos import CLOCK, DEFAULT, ROSOUT, QoS
+from pieper.ros.parameters import Parameter, Parameters, as_value
+from pieper.ros.qos import CLOCK, DEFAULT, PARAMETER_EVENTS, ROSOUT, QoS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -232,7 +232,12 @@ class Bus:
             "use_sim_time", False, description="take the time from /clock"
         )
         self._rosout = self.publisher("/rosout", "rcl_interfaces/msg/Log", qos=ROSOUT)
-        serve_parameters(self, self._parameters)
+        self._parameter_events = self.publisher(
+            "/parameter_events", "rcl_interfaces/msg/ParameterEvent", qos=PARAMETER_EVENTS
+        )
+        self._parameters.on_change = self._tell_parameters
+        for service, type_name, answer in self._parameters.services():
+            self.serve(service, type_name, answer)
 
     # Topics
 
@@ -483,6 +488,13 @@ class Bus:
             self.errors.append(error)
             self.log("error", f"{what}: {''.join(traceback.format_exception(error))}")
         del self.errors[:-100]
+
+    def _tell_parameters(self, changed: list[Parameter[Any]]) -> None:
+        self._parameter_events.send(
+            stamp=self.stamp(),
+            node=f"{self.namespace.rstrip('/')}/{self.node}",
+            changed_parameters=[{"name": p.name, "value": as_value(p.current)} for p in changed],
+        )
 
     def _run_timers(self) -> None:
         now = self.now()

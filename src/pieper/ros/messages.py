@@ -126,13 +126,14 @@ def type_hash(type_name: str) -> str:
     >>> type_hash("std_msgs/msg/String")
     'RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18'
     """
-    store = _store_with(type_name)
     package, kind, name = _split(type_name)
     if kind == "srv" and not name.endswith(("_Request", "_Response", "_Event")):
         _describe_service(f"{package}/srv/{name}")
     elif kind == "action" and name.endswith(("_SendGoal", "_GetResult")):
         _describe_service(f"{package}/action/{name}")
-    return str(store.hash_rihs01(type_name))
+    else:
+        _store_with(type_name)
+    return str(_described().hash_rihs01(type_name))
 
 
 # Types
@@ -143,21 +144,36 @@ _EMPTY = "structure_needs_at_least_one_member"
 
 @cache
 def _store() -> Any:
+    """The types as they are encoded: ``char`` and ``byte`` of a .msg file are unsigned bytes."""
+    return _new_store(char="uint8", byte="uint8")
+
+
+@cache
+def _described() -> Any:
+    """The types as they are described for their hashes, where a ``byte`` differs from a ``uint8``."""
+    return _new_store(char="uint8")
+
+
+def _new_store(**names: str) -> Any:
     try:
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise MissingExtraError("rosbags", "ros", "ROS 2 messages") from error
     store = get_typestore(Stores.ROS2_JAZZY)
-    for type_name, (constants, fields) in list(store.fielddefs.items()):
-        store.fielddefs[type_name] = (constants, [(name, _without_char(desc)) for name, desc in fields])
+    store.fielddefs.update({name: _renamed(definition, names) for name, definition in store.fielddefs.items()})
     return store
 
 
-def _without_char(desc: Any) -> Any:
-    """A ``char`` of a .msg file is a uint8; rosbags hashes it as the char of IDL."""
-    if desc == "char":
-        return "uint8"
-    return type(desc)(_without_char(part) for part in desc) if type(desc) is tuple else desc
+def _renamed(definition: Any, names: Mapping[str, str]) -> Any:
+    """A definition with other names for some basic types; rosbags takes char and byte for those of IDL and of C."""
+
+    def rename(desc: Any) -> Any:
+        if isinstance(desc, str):
+            return names.get(desc, desc)
+        return type(desc)(rename(part) for part in desc) if type(desc) is tuple else desc
+
+    constants, fields = definition
+    return constants, [(name, rename(desc)) for name, desc in fields]
 
 
 def _split(type_name: str) -> tuple[str, str, str]:
@@ -202,7 +218,7 @@ def _register(package: str, kind: str, stem: str, text: str) -> None:
     for name, part in zip(names, re.split(r"^---\s*$", text, flags=re.MULTILINE), strict=True):
         type_name = f"{package}/{kind}/{name}"
         ((constants, fields),) = get_types_from_msg(part, f"{package}/msg/{name}").values()
-        definitions[type_name] = (constants, [(field, _without_char(desc)) for field, desc in fields])
+        definitions[type_name] = (constants, fields)
         _DEFAULTS[type_name] = _defaults(part)
     if kind == "action":
         definitions |= _hidden_types(f"{package}/action/{stem}")
@@ -210,7 +226,8 @@ def _register(package: str, kind: str, stem: str, text: str) -> None:
         for needed in _named(constants_fields[1]):
             if needed not in definitions:
                 _store_with(needed)
-    _store().register(definitions)
+    _described().fielddefs.update({name: _renamed(d, {"char": "uint8"}) for name, d in definitions.items()})
+    _store().register({name: _renamed(d, {"char": "uint8", "byte": "uint8"}) for name, d in definitions.items()})
 
 
 def _hidden_types(action: str) -> dict[str, Any]:
@@ -263,7 +280,8 @@ def _describe_service(type_name: str) -> None:
     from rosbags.interfaces import Nodetype
 
     request, response, event = (f"{type_name}_{part}" for part in ("Request", "Response", "Event"))
-    fielddefs = _store_with(request).fielddefs
+    _store_with(request)
+    fielddefs = _described().fielddefs
     fielddefs[event] = (
         [],
         [
@@ -363,13 +381,15 @@ def _scalar(name: str, limit: int, where: str) -> Callable[[Any], Any]:
         def convert(value: Any) -> Any:
             if value is _ABSENT:
                 return 0.0
+            if isinstance(value, float):
+                return value
             try:
-                return float(value)
-            except (TypeError, ValueError):
+                return operator.index(value) / 1 if not isinstance(value, np.floating) else float(value)
+            except TypeError:
                 raise RosError(f"{where} must be a number, got {value!r:.80}") from None
 
     else:
-        span = np.iinfo(_dtype(name))
+        span = np.iinfo(name)
 
         def convert(value: Any) -> Any:
             if value is _ABSENT:
@@ -385,12 +405,8 @@ def _scalar(name: str, limit: int, where: str) -> Callable[[Any], Any]:
     return convert
 
 
-def _dtype(name: str) -> str:
-    return "uint8" if name in ("byte", "char", "octet") else name
-
-
 def _numbers(name: str, fixed: int | None, bound: int | None, where: str) -> Callable[[Any], Any]:
-    dtype = np.dtype(_dtype(name))
+    dtype = np.dtype(name)
 
     def convert(value: Any) -> Any:
         if value is _ABSENT:

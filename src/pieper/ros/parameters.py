@@ -12,12 +12,9 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 import numpy as np
 
 from pieper.errors import RosError
-from pieper.ros.qos import PARAMETER_EVENTS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
-
-    from pieper.ros.bus import Bus
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
 Value = TypeVar("Value")
 
@@ -175,61 +172,49 @@ class Parameters:
             self.on_change([parameter for parameter, _ in accepted])
         return ""
 
+    def services(self) -> Iterator[tuple[str, str, Callable[[Any], dict[str, Any]]]]:
+        """The services that offer these parameters to other nodes: name, type, and what answers a request."""
+        for service, answer in {
+            "DescribeParameters": self._describe,
+            "GetParameters": self._get,
+            "GetParameterTypes": self._get_types,
+            "ListParameters": self._list,
+            "SetParameters": self._set_each,
+            "SetParametersAtomically": self._set_all,
+        }.items():
+            name = "".join(f"_{c.lower()}" if c.isupper() else c for c in service).lstrip("_")
+            yield f"~/{name}", f"rcl_interfaces/srv/{service}", answer
 
-def serve_parameters(bus: Bus, parameters: Parameters) -> None:
-    """Offer a node's parameters to other nodes, and tell of changes on ``/parameter_events``."""
-    events = bus.publisher("/parameter_events", "rcl_interfaces/msg/ParameterEvent", qos=PARAMETER_EVENTS)
-    node = f"{bus.namespace.rstrip('/')}/{bus.node}"
+    def _value(self, name: str) -> Any:
+        return self.declared[name].current if name in self.declared else None
 
-    def tell(changed: list[Parameter[Any]]) -> None:
-        events.send(
-            stamp=bus.stamp(),
-            node=node,
-            changed_parameters=[{"name": p.name, "value": as_value(p.current)} for p in changed],
-        )
+    def _describe(self, request: Any) -> dict[str, Any]:
+        return {
+            "descriptors": [self.declared[n].descriptor() if n in self.declared else {"name": n} for n in request.names]
+        }
 
-    def result(reason: str) -> dict[str, Any]:
-        return {"successful": not reason, "reason": reason}
+    def _get(self, request: Any) -> dict[str, Any]:
+        return {"values": [as_value(self._value(name)) for name in request.names]}
 
-    def pairs(request: Any) -> list[tuple[str, Any]]:
-        return [(item.name, from_value(item.value)) for item in request.parameters]
+    def _get_types(self, request: Any) -> dict[str, Any]:
+        return {"types": [as_value(self._value(name))["type"] for name in request.names]}
 
-    def value(name: str) -> Any:
-        return parameters.declared[name].current if name in parameters.declared else None
+    def _list(self, request: Any) -> dict[str, Any]:
+        return {"result": _listed(self.declared, list(request.prefixes), int(request.depth))}
 
-    def describe(request: Any) -> dict[str, Any]:
-        known = (parameters.declared.get(name) for name in request.names)
-        found = [{} if p is None else p.descriptor() for p in known]
-        for name, descriptor in zip(request.names, found, strict=True):
-            descriptor.setdefault("name", name)
-        return {"descriptors": found}
+    def _set_each(self, request: Any) -> dict[str, Any]:
+        return {"results": [_result(self.set([pair])) for pair in _pairs(request)]}
 
-    def get(request: Any) -> dict[str, Any]:
-        return {"values": [as_value(value(name)) for name in request.names]}
+    def _set_all(self, request: Any) -> dict[str, Any]:
+        return {"result": _result(self.set(_pairs(request)))}
 
-    def get_types(request: Any) -> dict[str, Any]:
-        return {"types": [as_value(value(name))["type"] for name in request.names]}
 
-    def list_names(request: Any) -> dict[str, Any]:
-        return {"result": _listed(parameters.declared, list(request.prefixes), int(request.depth))}
+def _pairs(request: Any) -> list[tuple[str, Any]]:
+    return [(item.name, from_value(item.value)) for item in request.parameters]
 
-    def set_each(request: Any) -> dict[str, Any]:
-        return {"results": [result(parameters.set([pair])) for pair in pairs(request)]}
 
-    def set_all(request: Any) -> dict[str, Any]:
-        return {"result": result(parameters.set(pairs(request)))}
-
-    parameters.on_change = tell
-    for service, answer in {
-        "DescribeParameters": describe,
-        "GetParameters": get,
-        "GetParameterTypes": get_types,
-        "ListParameters": list_names,
-        "SetParameters": set_each,
-        "SetParametersAtomically": set_all,
-    }.items():
-        name = "".join(f"_{c.lower()}" if c.isupper() else c for c in service).lstrip("_")
-        bus.serve(f"~/{name}", f"rcl_interfaces/srv/{service}", answer)
+def _result(reason: str) -> dict[str, Any]:
+    return {"successful": not reason, "reason": reason}
 
 
 def _listed(names: Iterable[str], prefixes: list[str], depth: int) -> dict[str, list[str]]:
