@@ -29,12 +29,12 @@ def joint_move(
 ) -> Trajectory:
     """The quickest synchronised minimum-jerk move from rest to rest within the limits of every joint.
 
-    With ``u = t / T`` and ``d = q_goal - q_start``
+    With ``u = t / T`` and ``d = q_goal - q_start``::
 
         q(t) = q_start + d (10 u^3 - 15 u^4 + 6 u^5),
 
     which of all moves of duration T has the least integral of squared jerk. Its largest velocity is ``15/8 |d| / T`` and its largest
-    acceleration ``10/sqrt(3) |d| / T^2``, so that the least duration is
+    acceleration ``10/sqrt(3) |d| / T^2``, so that the least duration is::
 
         T = max over joints of max(15/8 |d| / max_velocity, sqrt(10/sqrt(3) |d| / max_acceleration)).
 
