@@ -29,6 +29,10 @@ class AmbiguousError(PieperError, ValueError):
     """More than one answer fits, for example several chains in one description; the message lists them."""
 
 
+class MotionError(PieperError, ValueError):
+    """A motion that the arm must not make: out of its limits, too fast, or beginning where the arm is not."""
+
+
 class DescriptionError(PieperError, ValueError):
     """A robot description is malformed.
 

@@ -1,0 +1,1 @@
+"""Simulated arms. `pieper.sim.kinematic` needs nothing but NumPy."""
