@@ -11,6 +11,7 @@ of one process in one domain share them.
 
 from __future__ import annotations
 
+import ctypes
 import ipaddress
 import os
 import socket
@@ -25,6 +26,7 @@ from xml.sax.saxutils import escape
 
 from cyclonedds.core import DDSException
 from cyclonedds.domain import Domain
+from cyclonedds.internal import DDS
 
 from pieper.errors import RosError
 
@@ -43,6 +45,9 @@ LARGEST_SAMPLE = 64 * 1024 * 1024
 
 SO_BINDTODEVICE = 25
 """Of Linux; the module `socket` names it only where it was built with it."""
+
+_FATAL, _ERROR, _WARNING = 1, 2, 4
+"""Categories of Cyclone's messages (``DDS_LC_...``)."""
 
 _open: weakref.WeakValueDictionary[int, Domain] = weakref.WeakValueDictionary()
 _on_network: dict[int, bool] = {}
@@ -110,6 +115,10 @@ def open_domain(domain: int = 0, *, network: bool = False) -> Domain:
     Notes
     -----
     Between the opening of a socket and its tying down lies about a millisecond in which it receives from everywhere.
+
+    Cyclone's threads write a warning to stderr for every datagram they cannot read, and when nobody reads that stderr (a pipe
+    that is full, a stopped terminal) they wait, and the node is deaf until it is ended. So after opening, Cyclone's
+    messages are off in this process, except fatal ones; a ``Tracing`` element in ``CYCLONEDDS_URI`` still writes them to its file.
     """
     if not 0 <= domain <= LAST_DOMAIN:
         raise RosError(f"ROS_DOMAIN_ID must be 0 ... {LAST_DOMAIN}, got {domain}: its UDP ports would not exist")
@@ -129,10 +138,12 @@ def open_domain(domain: int = 0, *, network: bool = False) -> Domain:
                 "use the same choice, or another ROS_DOMAIN_ID"
             )
         before = {s.inode for s in sockets()} if not network else set()
+        _log(_FATAL | _ERROR | _WARNING)  # the cause of a failure now is worth a line
         try:
             opened = Domain(domain, configuration(domain, network=network))
         except (DDSException, UnicodeEncodeError) as error:
             raise RosError(explain(error, domain=domain, network=network)) from error
+        silence()
         if not network:
             try:
                 pin_to_loopback(domain, known=before)
@@ -151,6 +162,16 @@ def close_domain(domain: Domain) -> None:
         for number, other in list(_open.items()):
             if other is domain:
                 del _open[number]
+
+
+def silence() -> None:
+    """Keep Cyclone's threads from writing to stderr, where they could wait for ever; fatal messages remain."""
+    _log(_FATAL)
+
+
+def _log(categories: int) -> None:
+    """Choose the categories of messages that Cyclone writes to stderr: one setting for the whole process."""
+    DDS._dll_handle.dds_set_log_mask(ctypes.c_uint32(categories))
 
 
 @dataclass(frozen=True)
