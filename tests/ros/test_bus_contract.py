@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pieper.errors import RosError
+from pieper.ros import Reply
 from pieper.ros.qos import DEFAULT, LATCHED, SENSOR, QoS
 
 POINT = "geometry_msgs/msg/Point"
@@ -194,6 +195,50 @@ def test_a_server_that_raises_still_answers_and_goes_on(network):
     assert not any(answer.success for answer in answers)
     assert [str(error) for error in server.errors] == ["wrench in the works", "refused"]
     server.errors.clear()
+
+
+def test_a_service_answers_later_and_in_any_order(network):
+    server, caller = network.join("server"), network.join("caller")
+    replies, heard = [], []
+
+    def callback(request):
+        replies.append(Reply())
+        return replies[-1]
+
+    server.serve("enable", SET_BOOL, callback)
+    client = caller.client("enable", SET_BOOL)
+    assert network.until(lambda: client.ready)
+    client.send(lambda response: heard.append(("first", response.message)), data=True)
+    client.send(lambda response: heard.append(("second", response.message)), data=False)
+    assert network.until(lambda: len(replies) == 2)
+    network.rest()
+    assert heard == []
+    replies[1].send(success=True, message="b")
+    assert network.until(lambda: len(heard) == 1)
+    replies[0].send(success=True, message="a")
+    assert network.until(lambda: len(heard) == 2)
+    assert heard == [("second", "b"), ("first", "a")]
+    with pytest.raises(RosError, match="answered before"):
+        replies[0].send()
+
+
+def test_an_answer_after_the_service_has_closed_is_dropped(network):
+    server, caller = network.join("server"), network.join("caller")
+    reply, asked, heard = Reply(), [], []
+
+    def callback(request):
+        asked.append(request)
+        return reply
+
+    service = server.serve("enable", SET_BOOL, callback)
+    client = caller.client("enable", SET_BOOL)
+    assert network.until(lambda: client.ready)
+    client.send(heard.append, data=True)
+    assert network.until(lambda: bool(asked))
+    service.close()
+    reply.send(success=True)
+    network.rest()
+    assert heard == []
 
 
 def test_a_call_without_a_server_ends_with_a_sentence(network):

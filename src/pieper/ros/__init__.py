@@ -4,7 +4,7 @@
 """
 
 from pieper.ros.backends import open_bus
-from pieper.ros.bus import Bus
+from pieper.ros.bus import Bus, Reply
 from pieper.ros.qos import QoS
 
-__all__ = ["Bus", "QoS", "open_bus"]
+__all__ = ["Bus", "QoS", "Reply", "open_bus"]

@@ -131,6 +131,60 @@ class Service:
         self._server.close()
 
 
+class Reply:
+    """An answer to a request that is not there yet: returned by the callback of :meth:`Bus.serve`, sent later.
+
+    Examples
+    --------
+    >>> from pieper.ros.fake import FakeNetwork
+    >>> network = FakeNetwork()
+    >>> arm, user = network.bus("arm"), network.bus("user")
+    >>> reply = Reply()
+    >>> service = arm.serve("home", "std_srvs/srv/Trigger", lambda request: reply)
+    >>> client = user.client("home", "std_srvs/srv/Trigger")
+    >>> client.send(lambda response: print(response.message))
+    >>> network.settle()
+    >>> reply.send(success=True, message="arrived")
+    >>> network.settle()
+    arrived
+    """
+
+    def __init__(self) -> None:
+        self._sent, self._type = False, ""
+        self._early: tuple[Mapping[str, Any] | object | None, dict[str, Any]] = None, {}
+        self._respond: Callable[[bytes], None] | None = None
+
+    @property
+    def sent(self) -> bool:
+        """Whether :meth:`send` was called."""
+        return self._sent
+
+    def send(self, message: Mapping[str, Any] | object | None = None, /, **fields: Any) -> None:
+        """Answer, with fields as for :meth:`Publisher.send`; from the thread that spins the bus, and once.
+
+        Raises
+        ------
+        RosError
+            It was answered before, a field is unknown to the response, or a value does not fit its field.
+        """
+        if self._sent:
+            raise RosError("this request was answered before; a service gives one answer to each request")
+        if self._respond is None:
+            self._early = message, fields
+        else:
+            self._respond(messages.encode(self._type, messages.make(self._type, message, **fields)))
+        self._sent = True
+
+    def _open(self, type_name: str, respond: Callable[[bytes], None]) -> None:
+        """Take the way back to the caller; if the answer is there already, send it."""
+        if self._respond is not None:
+            raise RosError("a Reply answers one request; return a new one for each")
+        self._type, self._respond = type_name, respond
+        if self._sent:
+            message, fields = self._early
+            respond(messages.encode(type_name, messages.make(type_name, message, **fields)))
+
+
 class Client:
     """A service that another node answers; made by :meth:`Bus.client`.
 
@@ -286,7 +340,7 @@ class Bus:
     # Services
 
     def serve(self, name: str, type_name: str, callback: Callable[[Any], Mapping[str, Any] | object]) -> Service:
-        """Answer a service: ``callback(request)`` returns the fields of the response.
+        """Answer a service: ``callback(request)`` returns the fields of the response, or a :class:`Reply` for later.
 
         A callback that raises gets the caller a response with every field at its default, and the error goes to the
         log: a server must not leave a caller waiting for ever.
@@ -295,13 +349,21 @@ class Bus:
         request_type, response_type = f"{type_name}_Request", f"{type_name}_Response"
         messages.fields_of(request_type)
 
-        def answer(data: bytes) -> bytes:
-            responses: list[Any] = []
-            self._run(
-                f"service {resolved}",
-                lambda: responses.append(messages.make(response_type, callback(messages.decode(request_type, data)))),
-            )
-            return messages.encode(response_type, responses[0] if responses else messages.make(response_type))
+        def answer(data: bytes, respond: Callable[[bytes], None]) -> None:
+            answered = False
+
+            def call() -> None:
+                nonlocal answered
+                response = callback(messages.decode(request_type, data))
+                if isinstance(response, Reply):
+                    response._open(response_type, respond)
+                else:
+                    respond(messages.encode(response_type, messages.make(response_type, response)))
+                answered = True
+
+            self._run(f"service {resolved}", call)
+            if not answered:
+                respond(messages.encode(response_type, messages.make(response_type)))
 
         service = Service(resolved, type_name)
         service._server = self._wire.open_server(resolved, type_name, answer)

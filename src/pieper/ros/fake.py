@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from pieper.ros.arguments import Arguments, parse
@@ -65,8 +66,12 @@ class _Server:
     network: FakeNetwork
     service: str
     type: str
-    answer: Callable[[bytes], bytes]
+    answer: Callable[[bytes, Callable[[bytes], None]], None]
     inbox: deque[tuple[bytes, _Caller, Callable[[bytes], None]]] = field(default_factory=lambda: deque(maxlen=100))
+
+    def respond(self, caller: _Caller, deliver: Callable[[bytes], None], response: bytes) -> None:
+        if self in self.network.servers:
+            caller.inbox.append((deliver, response))
 
     def close(self) -> None:
         if self in self.network.servers:
@@ -167,7 +172,9 @@ class _FakeWire:
         self.endpoints.append(reader)
         return reader
 
-    def open_server(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> _Server:
+    def open_server(
+        self, service: str, type_name: str, answer: Callable[[bytes, Callable[[bytes], None]], None]
+    ) -> _Server:
         server = _Server(self.network, service, type_name, answer)
         self.network.servers.append(server)
         self.endpoints.append(server)
@@ -189,7 +196,7 @@ class _FakeWire:
                     endpoint.deliver(item)
                 elif isinstance(endpoint, _Server):
                     request, caller, deliver = item
-                    caller.inbox.append((deliver, endpoint.answer(request)))
+                    endpoint.answer(request, partial(endpoint.respond, caller, deliver))
                 elif endpoint.open:
                     deliver, response = item
                     deliver(response)

@@ -72,16 +72,12 @@ class RclWire:
             topic,
         )
 
-    def open_server(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> _RclServer:
+    def open_server(
+        self, service: str, type_name: str, answer: Callable[[bytes, Callable[[bytes], None]], None]
+    ) -> _RclServer:
         """Start answering a service."""
-        from rclpy.serialization import deserialize_message, serialize_message
-
         service_class = _class(type_name)
-
-        def callback(request: Any, _: Any) -> Any:
-            return deserialize_message(answer(serialize_message(request)), service_class.Response)
-
-        return _RclServer(self._node, self._node.create_service(service_class, service, callback))
+        return _RclServer(self._node, service, service_class, answer)
 
     def open_caller(self, service: str, type_name: str) -> _RclCaller:
         """Start asking a service."""
@@ -138,11 +134,61 @@ class _RclReader:
 
 
 class _RclServer:
-    def __init__(self, node: Any, service: Any) -> None:
-        self._node, self._service = node, service
+    """A service whose answers may come later.
+
+    rclpy sends what a callback returns as soon as it returns. A coroutine could wait, but then, in a mutually exclusive
+    callback group, the whole node waits with it, and up to Jazzy ``spin_once`` with changing timeouts looks at nothing
+    but that coroutine (rclpy issues 1159 and 1405). So the callback returns the promise of a response, and the
+    service's ``send_response(response, header)``, which the executor calls with it, sends it once it is there.
+    """
+
+    def __init__(
+        self,
+        node: Any,
+        service: str,
+        service_class: Any,
+        answer: Callable[[bytes, Callable[[bytes], None]], None],
+    ) -> None:
+        from rclpy.serialization import deserialize_message, serialize_message
+
+        def callback(request: Any, _: Any) -> _Promise:
+            promise = _Promise()
+            answer(serialize_message(request), promise.keep)
+            return promise
+
+        def send(promise: _Promise, header: Any) -> None:
+            promise.then(lambda data: self._send(deserialize_message(data, service_class.Response), header))
+
+        self._node, self._open = node, True
+        self._service = node.create_service(service_class, service, callback)
+        self._send_now = self._service.send_response
+        self._service.send_response = send
+
+    def _send(self, response: Any, header: Any) -> None:
+        if self._open:
+            self._send_now(response, header)
 
     def close(self) -> None:
+        self._open = False
         self._node.destroy_service(self._service)
+
+
+class _Promise:
+    """Bytes that are there now or later, and what is to be done with them."""
+
+    def __init__(self) -> None:
+        self._data: bytes | None = None
+        self._use: Callable[[bytes], None] | None = None
+
+    def keep(self, data: bytes) -> None:
+        self._data = data
+        if self._use is not None:
+            self._use(data)
+
+    def then(self, use: Callable[[bytes], None]) -> None:
+        self._use = use
+        if self._data is not None:
+            use(self._data)
 
 
 class _RclCaller:

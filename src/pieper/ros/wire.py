@@ -61,8 +61,14 @@ class Wire(Protocol):
     def open_reader(self, topic: str, type_name: str, qos: QoS, deliver: Callable[[bytes], None]) -> Reader:
         """Start listening to a topic."""
 
-    def open_server(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> Endpoint:
-        """Start answering a service: ``answer(request)`` returns the response."""
+    def open_server(
+        self, service: str, type_name: str, answer: Callable[[bytes, Callable[[bytes], None]], None]
+    ) -> Endpoint:
+        """Start answering a service: ``answer(request, respond)`` calls ``respond(response)`` once, at once or later.
+
+        Later means: from the thread that spins, after other requests have come, been answered, or not at all. A response
+        that comes when the server or its caller has left is dropped without an error.
+        """
 
     def open_caller(self, service: str, type_name: str) -> Caller:
         """Start asking a service."""
