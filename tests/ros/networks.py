@@ -11,6 +11,7 @@ import pytest
 
 from pieper.ros import Bus, open_bus
 from pieper.ros.fake import FakeNetwork
+from tests.ros import stub_rclpy
 
 _domains = itertools.count(1 + os.getpid() % 100)  # so that test runs side by side do not hear each other
 
@@ -20,6 +21,8 @@ def backends():
     yield pytest.param(
         "bare", marks=pytest.mark.skipif(find_spec("cyclonedds") is None, reason="cyclonedds is not installed")
     )
+    if find_spec("rclpy") is None:
+        yield pytest.param("rclpy stub")
     yield pytest.param(
         "rclpy", marks=pytest.mark.skipif(find_spec("rclpy") is None, reason="no ROS 2 installation here")
     )
@@ -34,12 +37,14 @@ class Network:
         self._fake = FakeNetwork()
         self._domain = next(_domains) % 100 + 1
         self._stack = ExitStack()
+        if backend == "rclpy stub":
+            self._stack.enter_context(stub_rclpy.installed())
 
     def join(self, node: str, *arguments: str) -> Bus:
         if self.backend == "fake":
             bus: Bus = self._fake.bus(node, arguments)
         else:
-            bus = open_bus(node, arguments=arguments, backend=self.backend, domain=self._domain)
+            bus = open_bus(node, arguments=arguments, backend=self.backend.split()[0], domain=self._domain)
         self._stack.callback(bus.close)
         self.buses.append(bus)
         return bus
