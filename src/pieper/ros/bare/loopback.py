@@ -49,11 +49,13 @@ _on_network: dict[int, bool] = {}
 _lock = threading.RLock()
 
 
-def configuration(*, network: bool = False) -> str:
+def configuration(domain: int = 0, *, network: bool = False) -> str:
     """Write the Cyclone DDS configuration for this machine alone, or for the network.
 
     Parameters
     ----------
+    domain : int
+        ``ROS_DOMAIN_ID``; only the number of participants depends on it, and only in the last domain.
     network : bool
         False: the loopback interface, no multicast, participants found by asking each port of 127.0.0.1.
         True: what ``CYCLONEDDS_URI`` says, and if it is not set, Cyclone's own choice of interface, with multicast.
@@ -78,7 +80,7 @@ def configuration(*, network: bool = False) -> str:
         f'<General><Interfaces><NetworkInterface name="{escape(LOOPBACK)}"/></Interfaces>'
         "<AllowMulticast>false</AllowMulticast></General>"
         "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
-        f"<MaxAutoParticipantIndex>{LAST_INDEX}</MaxAutoParticipantIndex>"
+        f"<MaxAutoParticipantIndex>{_last_index(domain)}</MaxAutoParticipantIndex>"
         '<Peers><Peer Address="127.0.0.1"/></Peers></Discovery>'
         f"{limits}</Domain></CycloneDDS>"
     )
@@ -128,7 +130,7 @@ def open_domain(domain: int = 0, *, network: bool = False) -> Domain:
             )
         before = {s.inode for s in sockets()} if not network else set()
         try:
-            opened = Domain(domain, configuration(network=network))
+            opened = Domain(domain, configuration(domain, network=network))
         except (DDSException, UnicodeEncodeError) as error:
             raise RosError(explain(error, domain=domain, network=network)) from error
         if not network:
@@ -238,15 +240,15 @@ def pin_to_loopback(domain: int, *, known: Iterable[int] = ()) -> list[UdpSocket
     """
     others = set(known)
     mine = [s for s in sockets() if s.inode not in others and s.bound and _of_domain(s, domain)]
-    for one in mine:
-        try:
+    try:
+        for one in mine:
             with socket.socket(fileno=os.dup(one.fd)) as copy:
                 copy.setsockopt(socket.SOL_SOCKET, SO_BINDTODEVICE, LOOPBACK.encode() + b"\0")
-        except OSError as error:
-            raise RosError(
-                f"cannot tie the DDS socket {one.address}:{one.port} to the loopback interface ({error.strerror}): "
-                "this needs Linux 5.7 or CAP_NET_RAW; use --network if everyone on the network may command this node"
-            ) from error
+    except OSError as error:
+        raise RosError(
+            f"cannot tie the DDS sockets of domain {domain} to the loopback interface ({error.strerror}): "
+            "this needs Linux 5.7 or CAP_NET_RAW; use --network if everyone on the network may command this node"
+        ) from error
     inodes = {s.inode for s in mine}
     now = [s for s in sockets() if s.inode in inodes]
     left = [s for s in now if s.reachable]
@@ -274,7 +276,7 @@ def explain(error: Exception, *, domain: int, network: bool) -> str:
     if not network:
         if not _is_up(LOOPBACK):
             return f"the network interface {LOOPBACK!r} is missing or down: bring it up (ip link set {LOOPBACK} up)"
-        ports = [port for index in range(LAST_INDEX + 1) if (port := _port(domain, index)) < 65535]
+        ports = [_port(domain, index) for index in range(_last_index(domain) + 1)]
         taken = sum(not (_free(port) and _free(port + 1)) for port in ports)
         if taken == len(ports):
             return (
@@ -296,6 +298,11 @@ def explain(error: Exception, *, domain: int, network: bool) -> str:
 def _port(domain: int, index: int) -> int:
     """Port of discovery traffic of a participant [RTPS 2.5, section 9.6.2.3]; user traffic has the next one."""
     return 7400 + 250 * domain + 10 + 2 * index
+
+
+def _last_index(domain: int) -> int:
+    """Return the last participant index of a domain: `LAST_INDEX`, or less where the ports end."""
+    return min(LAST_INDEX, (65535 - 1 - _port(domain, 0)) // 2)
 
 
 def _of_domain(one: UdpSocket, domain: int) -> bool:
