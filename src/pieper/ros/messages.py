@@ -99,6 +99,14 @@ def fields_of(type_name: str) -> tuple[str, ...]:
     return tuple(name for name, _ in _fielddefs(type_name))
 
 
+def definition(type_name: str) -> list[tuple[str, Any]]:
+    """Return the fields of a type with their types as rosbags describes them, for who describes them to somebody else.
+
+    An empty type has the one field that rosidl gives it.
+    """
+    return list(_store_with(type_name).fielddefs[type_name][1])
+
+
 def as_fields(message: Any) -> Any:
     """Return a message as plain mappings, lists and numbers.
 

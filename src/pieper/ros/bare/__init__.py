@@ -1,0 +1,17 @@
+"""ROS 2 without ROS: a node's topics and services over DDS by itself, on Eclipse Cyclone DDS.
+
+To real ROS 2 nodes, a process on this backend is one of them: the same names, types, bytes and quality of service, and it
+is in their graph. Services are those of ``rmw_cyclonedds``; ``rmw_fastrtps`` identifies requests in another way, and
+neither of them understands the other's services.
+"""
+
+from importlib.util import find_spec
+
+from pieper.errors import MissingExtraError
+
+if find_spec("cyclonedds") is None:
+    raise MissingExtraError("cyclonedds", "ros", "a ROS 2 node without ROS")
+
+from pieper.ros.bare.wire import DdsWire  # noqa: E402  only where there is a cyclonedds to import
+
+__all__ = ["DdsWire"]
