@@ -12,6 +12,6 @@ from pieper.errors import MissingExtraError
 if find_spec("cyclonedds") is None:
     raise MissingExtraError("cyclonedds", "ros", "a ROS 2 node without ROS")
 
-from pieper.ros.bare.wire import DdsWire  # noqa: E402  only where there is a cyclonedds to import
+from pieper.ros.bare.wire import DdsWire
 
 __all__ = ["DdsWire"]
