@@ -11,3 +11,7 @@ from pieper.errors import MissingExtraError
 
 if find_spec("cyclonedds") is None:
     raise MissingExtraError("cyclonedds", "ros", "a ROS 2 node without ROS")
+
+from pieper.ros.bare.wire import DdsWire
+
+__all__ = ["DdsWire"]

@@ -13,7 +13,7 @@ import numpy as np
 from pieper.ros import messages
 from pieper.ros.bare.topic import TopicWriter
 from pieper.ros.bare.type_support import describe
-from pieper.ros.bus import LATCHED
+from pieper.ros.qos import LATCHED
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

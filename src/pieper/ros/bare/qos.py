@@ -10,7 +10,7 @@ from cyclonedds.qos import Policy, Qos
 from pieper.errors import RosError
 
 if TYPE_CHECKING:
-    from pieper.ros.bus import QoS
+    from pieper.ros.qos import QoS
 
 LONGEST_WRITE = 0.01
 """Seconds that a reliable writer waits for a subscriber that does not keep up, before it gives a sample up."""

@@ -9,12 +9,13 @@ from __future__ import annotations
 import secrets
 import struct
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from pieper.ros.bare.endpoint import Endpoint
 from pieper.ros.bare.topic import TopicReader, TopicWriter
 from pieper.ros.bare.type_support import describe
-from pieper.ros.bus import QoS
+from pieper.ros.qos import QoS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -64,7 +65,7 @@ class Server(_TwoTopics):
     service, type_name : str
         ``"/cell2/calculate_ik"`` and for example ``"std_srvs/srv/SetBool"``.
     answer : callable
-        ``answer(request)`` returns the response, both as CDR with its encapsulation.
+        ``answer(request, respond)`` calls ``respond(response)`` once, at once or later; both as CDR with its encapsulation.
     identity : bytes
         16 bytes that no other service or client has.
     user_data : str
@@ -72,7 +73,12 @@ class Server(_TwoTopics):
     """
 
     def __init__(
-        self, service: str, type_name: str, answer: Callable[[bytes], bytes], identity: bytes, user_data: str
+        self,
+        service: str,
+        type_name: str,
+        answer: Callable[[bytes, Callable[[bytes], None]], None],
+        identity: bytes,
+        user_data: str,
     ) -> None:
         told = _tell("serviceid", identity, user_data)
         request, response = _topics(service, type_name)
@@ -92,8 +98,10 @@ class Server(_TwoTopics):
     def _on_request(self, data: bytes, writer: int) -> None:
         if len(data) < _BODY:
             return
-        response = self._answer(data[:_ENCAPSULATION] + data[_BODY:])
-        reply = response[:_ENCAPSULATION] + data[_ENCAPSULATION:_BODY] + response[_ENCAPSULATION:]
+        self._answer(data[:_ENCAPSULATION] + data[_BODY:], partial(self._respond, data[_ENCAPSULATION:_BODY], writer))
+
+    def _respond(self, header: bytes, writer: int, response: bytes) -> None:
+        reply = response[:_ENCAPSULATION] + header + response[_ENCAPSULATION:]
         if self._hears(writer):
             self.writer.write(reply)
         else:

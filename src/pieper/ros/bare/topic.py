@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from pieper.ros.bare.participant import Participant
-    from pieper.ros.bus import QoS
+    from pieper.ros.qos import QoS
 
 _BATCH = 256
 

@@ -15,7 +15,7 @@ from pieper.ros.bare.type_support import describe
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from pieper.ros.bus import QoS
+    from pieper.ros.qos import QoS
 
 _Kind = TypeVar("_Kind", bound=Endpoint)
 
@@ -66,7 +66,9 @@ class DdsWire:
 
         return self._enter(TopicReader(f"rt{topic}", describe(type_name), qos, hash_told(type_name), pass_on))
 
-    def open_server(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> Server:
+    def open_server(
+        self, service: str, type_name: str, answer: Callable[[bytes, Callable[[bytes], None]], None]
+    ) -> Server:
         """Start answering a service."""
         server = Server(service, type_name, answer, self._identity(), hash_told(type_name))
         self._servers.append(self._enter(server))
