@@ -80,6 +80,17 @@ ensure_compiler() {
   compiles_cxx20 "$CXX" || die "$($CXX --version | head -n 1) does not compile C++20; set CXX to one that does (g++ 11, clang 14 or later)"
 }
 
+# Fast DDS, the foreign peer of the ROS tests. They say so and skip where it cannot be had; it is asked for once.
+ensure_fast_dds() {
+  local given_up=$root/build/without-fast-dds
+  if [ -e /usr/include/fastrtps/fastrtps_all.h ] || [ -e "$given_up" ]; then return; fi
+  ( install_debian "Fast DDS is" libfastrtps-dev ) || {
+    mkdir -p "$root/build"
+    touch "$given_up"
+    say "   the tests against Fast DDS will be skipped; to try again, remove build/without-fast-dds"
+  }
+}
+
 # python_has FEATURE CANDIDATE: version (3.10 or later), venv (can make environments), headers (Python.h is there).
 python_has() {
   "$2" - "$1" <<'PY' 2>/dev/null

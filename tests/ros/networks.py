@@ -32,7 +32,7 @@ class Network:
         self.backend = backend
         self.buses: list[Bus] = []
         self._fake = FakeNetwork()
-        self._domain = next(_domains) % 100 + 1
+        self.domain = next(_domains) % 100 + 1
         self._stack = ExitStack()
         if backend == "rclpy stub":
             self._stack.enter_context(stub_rclpy.installed())
@@ -41,7 +41,7 @@ class Network:
         if self.backend == "fake":
             bus: Bus = self._fake.bus(node, arguments)
         else:
-            bus = open_bus(node, arguments=arguments, backend=self.backend.split()[0], domain=self._domain)
+            bus = open_bus(node, arguments=arguments, backend=self.backend.split()[0], domain=self.domain)
         self._stack.callback(bus.close)
         self.buses.append(bus)
         return bus
