@@ -107,6 +107,11 @@ def definition(type_name: str) -> list[tuple[str, Any]]:
     return list(_store_with(type_name).fielddefs[type_name][1])
 
 
+def typestore(type_name: str) -> Any:
+    """The ``rosbags`` store of types that this module works with; it has the named type, and all that this needs."""
+    return _store_with(type_name)
+
+
 def as_fields(message: Any) -> Any:
     """Return a message as plain mappings, lists and numbers.
 
@@ -207,7 +212,11 @@ def _load(package: str, kind: str, stem: str, wanted: str) -> None:
             _register(package, kind, stem, file.read_text(encoding="utf-8"))
             return
     known = sorted({*_store().fielddefs, *_known_files()})
-    raise RosError(str(unknown_name("type", wanted, [name for name in known if name.startswith(package)] or known)))
+    siblings = [name for name in known if name.startswith(f"{package}/")]
+    if siblings:
+        raise RosError(str(unknown_name("type", wanted, siblings)))
+    packages = sorted({name.partition("/")[0] for name in known})
+    raise RosError(f"no type {wanted!r}; {unknown_name('package', package, packages)}")
 
 
 def _known_files() -> Iterator[str]:
