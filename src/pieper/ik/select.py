@@ -1,7 +1,7 @@
 """Choosing among answers: those within limits, those of a branch, and the one nearest to where the arm is.
 
 A joint that turns looks the same after a whole turn, so an answer stands for all its copies ``q + 2 pi k``.
-`within_limits` and `nearest` take the copy that suits.
+`within_limits`, `nearest` and `along` take the copy that suits.
 """
 
 from __future__ import annotations
@@ -168,6 +168,65 @@ def nearest(answers: IKSolutions, q: ArrayLike, *, weights: ArrayLike | None = N
     best = np.argmin(np.where(wanted_of, distance, np.inf), axis=-1)
     chosen = np.take_along_axis(copies, best[..., None, None], axis=-2)[..., 0, :]
     return np.asarray(np.where(np.asarray(answers.valid.any(axis=-1))[..., None], chosen, np.nan))
+
+
+def along(answers: IKSolutions, q: ArrayLike) -> FloatArray:
+    """For targets one after the other: the answer nearest to the one taken before, the first one nearest to `q`.
+
+    What `nearest` takes, target after target; one that has no answer is left out, and the next is near to the one before it.
+
+    Parameters
+    ----------
+    answers : IKSolutions
+        Of m targets.
+    q : (n,) array
+        Joint values where the sequence begins, for example where the arm is now [rad or m].
+
+    Returns
+    -------
+    (m, n) array
+        One answer per target [rad or m]; NaN where a target has none.
+
+    Raises
+    ------
+    ArrayError
+        Targets that are no sequence, or `q` of a wrong shape or not finite.
+
+    Examples
+    --------
+    >>> from pieper.ik.solve import solve
+    >>> from pieper.kinematics.fk import fk
+    >>> from pieper.model import catalog
+    >>> arm = catalog.describe("ur5e").chain()
+    >>> turning = [[0.1, -1.2, 1.4, -1.7, -1.5, q6] for q6 in (2.0, 3.0, 4.0, 5.0)]  # past pi, where an angle would wrap
+    >>> along(solve(arm, fk(arm, turning)), turning[0])[:, 5].round(6)
+    array([2., 3., 4., 5.])
+    """
+    chain = answers.chain
+    here = as_joints(chain, q)
+    if answers.status.ndim != 1 or here.ndim != 1:
+        raise ArrayError(
+            f"along takes a sequence of targets (m, 4, 4) and one joint vector ({chain.dof},), got targets of shape "
+            f"{answers.status.shape} and joints of shape {here.shape}"
+        )
+    chosen = np.full((len(answers.q), chain.dof), np.nan)
+    if not answers.valid.any():
+        return chosen
+    values = np.where(answers.valid[..., None], answers.q, 0.0)
+    lowest, highest = _whole_turns(values, chain)
+    none_inside = highest < lowest
+    inside = np.asarray(answers.valid & ~none_inside.any(axis=-1))
+    usable = np.where(inside.any(axis=-1, keepdims=True), inside, answers.valid)
+    penalty = np.where(usable, 0.0, np.inf)
+    lowest, highest = np.where(none_inside, -np.inf, lowest), np.where(none_inside, np.inf, highest)
+    turning = periodic_joints(chain)
+    lowest[..., ~turning], highest[..., ~turning] = 0.0, 0.0
+    for i in np.flatnonzero(usable.any(axis=-1)):  # a few operations on (k, n): the choice depends on the one before
+        turns = np.minimum(np.maximum(np.rint((here - values[i]) / _TURN), lowest[i]), highest[i])
+        copies = values[i] + _TURN * turns
+        apart = copies - here
+        here = chosen[i] = copies[np.argmin((apart * apart).sum(axis=-1) + penalty[i])]
+    return chosen
 
 
 def _whole_turns(q: FloatArray, chain: Chain) -> tuple[FloatArray, FloatArray]:

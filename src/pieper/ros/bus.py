@@ -295,6 +295,10 @@ class Bus:
 
     # Topics
 
+    def resolve(self, name: str) -> str:
+        """Return the full name of a topic or service, after remapping."""
+        return resolve(name, namespace=self.namespace, node=self.node, remaps=self._remaps)
+
     def publisher(self, topic: str, type_name: str, *, qos: QoS = DEFAULT) -> Publisher:
         """Make a publisher.
 
@@ -312,7 +316,7 @@ class Bus:
         RosError
             The name is not a valid topic name, or the type is not known.
         """
-        name = self._resolve(topic)
+        name = self.resolve(topic)
         messages.fields_of(type_name)
         return Publisher(name, type_name, self._wire.open_writer(name, type_name, qos))
 
@@ -320,7 +324,7 @@ class Bus:
         self, topic: str, type_name: str, callback: Callable[[Any], Any], *, qos: QoS = DEFAULT
     ) -> Subscription:
         """Call ``callback(message)`` for every message of a topic; parameters as for :meth:`publisher`."""
-        name = self._resolve(topic)
+        name = self.resolve(topic)
         messages.fields_of(type_name)
         subscription = Subscription(name, type_name)
 
@@ -345,7 +349,7 @@ class Bus:
         A callback that raises gets the caller a response with every field at its default, and the error goes to the
         log: a server must not leave a caller waiting for ever.
         """
-        resolved = self._resolve(name)
+        resolved = self.resolve(name)
         request_type, response_type = f"{type_name}_Request", f"{type_name}_Response"
         messages.fields_of(request_type)
 
@@ -371,7 +375,7 @@ class Bus:
 
     def client(self, name: str, type_name: str) -> Client:
         """Make a client of a service."""
-        resolved = self._resolve(name)
+        resolved = self.resolve(name)
         messages.fields_of(f"{type_name}_Request")
         return Client(resolved, type_name, self._wire.open_caller(resolved, type_name), self._run)
 
@@ -535,9 +539,6 @@ class Bus:
         self.close()
 
     # Inner workings
-
-    def _resolve(self, name: str) -> str:
-        return resolve(name, namespace=self.namespace, node=self.node, remaps=self._remaps)
 
     def _run(self, what: str, callback: Callable[[], Any]) -> None:
         """Call back; whatever it raises goes to the log, and the node goes on."""
