@@ -135,11 +135,11 @@ class Node:
                 end.inbox.extend(publisher.kept)
         return end
 
-    def create_service(self, srv_type, srv_name, callback):
-        return self._add(_End(self, "service", srv_name, None, callback, srv_type))
+    def create_service(self, srv_type, srv_name, callback, *, qos_profile):
+        return self._add(_End(self, "service", srv_name, qos_profile, callback, srv_type))
 
-    def create_client(self, srv_type, srv_name):
-        return self._add(_End(self, "client", srv_name, None, None, srv_type))
+    def create_client(self, srv_type, srv_name, *, qos_profile):
+        return self._add(_End(self, "client", srv_name, qos_profile, None, srv_type))
 
     def count_publishers(self, topic_name):
         end = next(e for e in self.ends if (e.kind, e.name, e.node) == ("subscription", topic_name, self))

@@ -94,6 +94,22 @@ def decode(type_name: str, data: bytes | memoryview, /) -> Any:
         raise RosError(f"the bytes are not a {type_name}: {error}") from error
 
 
+def cut(type_name: str, data: bytes, /) -> bytes:
+    """Return the CDR bytes of a message without what a serialiser may have left behind them.
+
+    Examples
+    --------
+    >>> data = encode("std_msgs/msg/String", make("std_msgs/msg/String", data="Hi"))
+    >>> cut("std_msgs/msg/String", data + b"rubbish") == data
+    True
+    """
+    store = _store_with(type_name)
+    definition = store.get_msgdef(type_name)
+    read = definition.deserialize_cdr_le if data[1] else definition.deserialize_cdr_be
+    _, end = read(data[4:], 0, definition.cls, store)
+    return data[: 4 + end]
+
+
 def fields_of(type_name: str) -> tuple[str, ...]:
     """Return the names of the fields of a message type, in order."""
     return tuple(name for name, _ in _fielddefs(type_name))

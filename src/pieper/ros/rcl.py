@@ -11,6 +11,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from pieper.errors import MissingExtraError, RosError
+from pieper.ros import messages
+from pieper.ros.qos import SERVICES
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -76,13 +78,11 @@ class RclWire:
         self, service: str, type_name: str, answer: Callable[[bytes, Callable[[bytes], None]], None]
     ) -> _RclServer:
         """Start answering a service."""
-        service_class = _class(type_name)
-        return _RclServer(self._node, service, service_class, answer)
+        return _RclServer(self._node, service, type_name, answer)
 
     def open_caller(self, service: str, type_name: str) -> _RclCaller:
         """Start asking a service."""
-        service_class = _class(type_name)
-        return _RclCaller(self._node, self._node.create_client(service_class, service), service_class)
+        return _RclCaller(self._node, service, type_name)
 
     def wait(self, timeout: float) -> None:
         """Let rclpy work; it calls back from here."""
@@ -127,7 +127,9 @@ class _RclReader:
 
     @property
     def matched(self) -> int:
-        return int(self._node.count_publishers(self._topic))
+        if hasattr(self._subscription, "get_publisher_count"):
+            return int(self._subscription.get_publisher_count())
+        return int(self._node.count_publishers(self._topic))  # older: those of another quality of service, too
 
     def close(self) -> None:
         self._node.destroy_subscription(self._subscription)
@@ -146,21 +148,23 @@ class _RclServer:
         self,
         node: Any,
         service: str,
-        service_class: Any,
+        type_name: str,
         answer: Callable[[bytes, Callable[[bytes], None]], None],
     ) -> None:
-        from rclpy.serialization import deserialize_message, serialize_message
+        from rclpy.serialization import deserialize_message
+
+        service_class = _class(type_name)
 
         def callback(request: Any, _: Any) -> _Promise:
             promise = _Promise()
-            answer(serialize_message(request), promise.keep)
+            answer(_serialized(f"{type_name}_Request", request), promise.keep)
             return promise
 
         def send(promise: _Promise, header: Any) -> None:
             promise.then(lambda data: self._send(deserialize_message(data, service_class.Response), header))
 
         self._node, self._open = node, True
-        self._service = node.create_service(service_class, service, callback)
+        self._service = node.create_service(service_class, service, callback, qos_profile=_profile(SERVICES))
         self._send_now = self._service.send_response
         self._service.send_response = send
 
@@ -192,15 +196,16 @@ class _Promise:
 
 
 class _RclCaller:
-    def __init__(self, node: Any, client: Any, service_class: Any) -> None:
-        self._node, self._client, self._class, self._open = node, client, service_class, True
+    def __init__(self, node: Any, service: str, type_name: str) -> None:
+        self._node, self._type_name, self._class, self._open = node, type_name, _class(type_name), True
+        self._client = node.create_client(self._class, service, qos_profile=_profile(SERVICES))
 
     def send(self, request: bytes, deliver: Callable[[bytes], None]) -> None:
-        from rclpy.serialization import deserialize_message, serialize_message
+        from rclpy.serialization import deserialize_message
 
         def done(future: Any) -> None:
             if self._open and future.exception() is None and not future.cancelled():
-                deliver(serialize_message(future.result()))
+                deliver(_serialized(f"{self._type_name}_Response", future.result()))
 
         self._client.call_async(deserialize_message(request, self._class.Request)).add_done_callback(done)
 
@@ -211,6 +216,13 @@ class _RclCaller:
     def close(self) -> None:
         self._open = False
         self._node.destroy_client(self._client)
+
+
+def _serialized(type_name: str, message: Any) -> bytes:
+    """The bytes of a message of rclpy; rmw_fastrtps of Jazzy gives more of them than it fills."""
+    from rclpy.serialization import serialize_message
+
+    return messages.cut(type_name, serialize_message(message))
 
 
 def _class(type_name: str) -> Any:
