@@ -11,6 +11,7 @@ of one process in one domain share them.
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import ipaddress
 import os
@@ -24,7 +25,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape
 
-from cyclonedds.core import DDSException
+from cyclonedds.core import DDSException, Entity
 from cyclonedds.domain import Domain
 from cyclonedds.internal import DDS
 
@@ -155,13 +156,53 @@ def open_domain(domain: int = 0, *, network: bool = False) -> Domain:
         return opened
 
 
-def close_domain(domain: Domain) -> None:
-    """Close a domain at once, with its sockets and every participant in it, whoever still holds them."""
-    domain.__del__()  # deletes the C entity and all its children; the second call, by the collector, does nothing
+def close_domain(domain: Domain, *, timeout: float = 5.0) -> None:
+    """Close a domain at once, with its sockets and every participant in it, whoever still holds them.
+
+    Parameters
+    ----------
+    domain : cyclonedds.domain.Domain
+        From `open_domain`. Closing it twice is no error.
+    timeout : float
+        How long Cyclone's threads may take to end [s]; usually it is milliseconds.
+
+    Raises
+    ------
+    RosError
+        They did not end: one of them stands still. The domain cannot be opened again in this process; let the error end it.
+        Its exit code is then 1.
+    """
     with _lock:
         for number, other in list(_open.items()):
             if other is domain:
                 del _open[number]
+    # deletes the C entity and all its children; the second call, by the collector, does nothing
+    closing = threading.Thread(target=domain.__del__, name="close DDS domain", daemon=True)
+    closing.start()
+    closing.join(timeout)
+    if closing.is_alive():
+        # whoever deletes an entity now waits too, and so does the interpreter at its end
+        Entity._entities.clear()
+        atexit.register(_leave)
+        raise RosError(
+            f"the threads of DDS did not end within {timeout:g} s, so this process cannot be heard or hear again: start it anew"
+        )
+
+
+def _leave() -> None:
+    """End this process without waiting for the threads of DDS."""
+    for stream in (sys.stdout, sys.stderr):
+        # nobody may be reading: then the rest of what was printed is not worth waiting for
+        flushing = threading.Thread(target=stream.flush, daemon=True)
+        flushing.start()
+        flushing.join(1.0)
+    os._exit(1)
+
+
+def is_open(domain: Domain, number: int) -> bool:
+    """Whether a domain from `open_domain` has not been closed since, by whomever."""
+    with _lock:
+        return _open.get(number) is domain
 
 
 def silence() -> None:
@@ -237,6 +278,19 @@ def sockets() -> list[UdpSocket]:
             continue
         found.append(UdpSocket(fd, status.st_ino, address.partition("%")[0], port, device))
     return found
+
+
+def receivers(domain: int) -> list[UdpSocket]:
+    """List the sockets at which this process receives for a domain; empty where sockets cannot be listed."""
+    try:
+        return [s for s in sockets() if 0 <= s.port - _port(domain, 0) <= 2 * LAST_INDEX + 1]
+    except RosError:
+        return []
+
+
+def duplicate(one: UdpSocket) -> socket.socket:
+    """Return a second descriptor of a socket, to look at it; close it before the domain."""
+    return socket.socket(fileno=os.dup(one.fd))
 
 
 def pin_to_loopback(domain: int, *, known: Iterable[int] = ()) -> list[UdpSocket]:

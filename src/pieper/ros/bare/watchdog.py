@@ -1,0 +1,277 @@
+"""Whether this process still hears what it should: three ways to go deaf in DDS, and what tells of each.
+
+*The receive thread stands still.* Then the same datagram stays at the head of a receive queue. `Watchdog` sends each queue a
+datagram of its own, so that there is one, and looks at the head.
+
+*A writer is taken for older than it is.* One forged datagram (a HEARTBEAT or GAP, or for best-effort readers a DATA, with a
+sequence number far ahead, in the name of a writer) makes Cyclone throw away everything that the true writer sends from then on.
+The reader stays matched and the application hears nothing. Cyclone counts what it throws away: the count grows while a
+matched writer is silent.
+
+*An endpoint is forgotten.* A forged goodbye in the name of a participant or endpoint removes it, and endpoints are announced only
+once. ROS participants list their endpoints on ``ros_discovery_info``; one that is listed and not known was lost.
+
+All are healed by closing the domain, opening it again and creating every entity anew: peers then see a new participant, and
+announce everything to it. A receive thread that stands still may hold up the closing for ever; then only a new process heals, and
+`loopback.close_domain` says so.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import socket
+import struct
+import time
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from cyclonedds.core import DDSException, Statistics
+from cyclonedds.internal import dds_c_t
+
+from pieper.ros.bare import loopback
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from cyclonedds.domain import Domain
+    from cyclonedds.sub import DataReader
+
+STILL = 4
+"""Checks at which a queue has the same head, or a reader throws away while one of its writers is silent: 2 s."""
+
+LOST = 2
+"""Checks at which a reader throws away while all its writers are silent; a writer that seldom sends is missed soon."""
+
+FORGIVEN = 5.0, 600.0
+"""Seconds without anything thrown away after which a suspicion ends, when some and when all writers are silent."""
+
+FORGOTTEN = 10.0
+"""Seconds that an endpoint may be listed without being known; usually both come within milliseconds."""
+
+PATIENCE = 2.0, 60.0
+"""Seconds from one alarm to the next, at first and at most: doubled by every alarm, and reset after as long a peace."""
+
+
+@dataclass
+class Ear:
+    """What a watched reader was heard to say.
+
+    Attributes
+    ----------
+    name : str
+        Topic, for the message.
+    heard : set of int
+        Add ``sample_info.publication_handle`` of every sample taken; the watchdog empties it.
+    """
+
+    name: str
+    heard: set[int] = field(default_factory=set)
+    _reader: Any = None
+    _statistics: Any = None
+    _index: int = 0
+    _discarded: int = 0
+    _recent: set[int] = field(default_factory=set)
+    _suspicions: int = 0
+    _last: float = 0.0
+
+    def discarded(self) -> int:
+        """Bytes of samples that Cyclone threw away since the reader matched its writers."""
+        counters = self._statistics._c_statistics
+        self._statistics._refresh_statistics(ctypes.cast(counters, ctypes.POINTER(dds_c_t.statistics)))
+        return int(counters[0].kv[self._index].u.u64)
+
+    def loses(self, now: float) -> bool:
+        """Whether the reader throws away what a silent writer sends, seen at several checks.
+
+        Duplicates are thrown away too (a sample sent again because its receipt was reported late), but then their writer was
+        heard in this check or the one before.
+        """
+        heard, self.heard = self.heard, set()
+        window = self._recent | heard
+        before, self._discarded = self._discarded, self.discarded()  # falls when a writer leaves
+        grew = self._discarded > before
+        if not grew and not self._suspicions:
+            self._recent = heard
+            return False
+        self._recent = window  # everybody heard since the first suspicion
+        matched = self._matched()
+        silent = matched - window
+        if grew and silent:
+            self._suspicions += 1
+            self._last = now
+        if not silent or now - self._last > FORGIVEN[silent == matched]:
+            self._suspicions = 0
+            self._recent = heard
+        return self._suspicions >= (LOST if silent == matched else STILL)
+
+    def _matched(self) -> set[int]:
+        try:
+            return set(self._reader.get_matched_publications())
+        except DDSException:  # the reader is being deleted
+            return set()
+
+
+class Watchdog:
+    """Notice within a few seconds that this process has gone deaf.
+
+    Parameters
+    ----------
+    number : int
+        ``ROS_DOMAIN_ID``.
+    forgotten : callable, optional
+        Returns what ``ros_discovery_info`` lists and DDS does not know, in words for a message; what stays for
+        `FORGOTTEN` seconds is an alarm.
+    clock : callable
+        Seconds, monotonic.
+
+    Examples
+    --------
+    ::
+
+        dog = Watchdog(0)
+
+        def build():
+            domain = loopback.open_domain(0)
+            ...                                                  # participant, readers, writers; send latched samples again
+            dog.start(domain)
+            ear = dog.watch(reader, "/joint_states")             # then, for every sample taken:
+            ear.heard.add(sample.sample_info.publication_handle)
+
+        def check():                                             # twice a second
+            reason = dog.check()
+            if reason:
+                dog.stop()
+                loopback.close_domain(domain)                    # a RosError: let it end the process
+                build()
+                return f"deaf: {reason}; participant rebuilt"
+    """
+
+    def __init__(
+        self,
+        number: int,
+        *,
+        forgotten: Callable[[], Iterable[str]] | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._number = number
+        self._forgotten = forgotten
+        self._clock = clock
+        self._domain: Domain | None = None
+        self._ears: list[Ear] = []
+        self._queues: list[_Queue] = []
+        self._missing: dict[str, float] = {}
+        self._knocks = 0
+        self._knocker: socket.socket | None = None
+        self._alarm = -PATIENCE[1]
+        self._patience = PATIENCE[0]
+
+    def start(self, domain: Domain) -> None:
+        """Watch a domain, at first or after it was opened again."""
+        self.stop()
+        self._domain = domain
+        self._knocker = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._knocker.bind(("127.0.0.1", 0))
+        self._knocker.setblocking(False)
+        self._queues = [_Queue(one) for one in loopback.receivers(self._number)]
+
+    def stop(self) -> None:
+        """Let go of sockets and readers; to be called before the domain is closed."""
+        self._domain = None
+        self._ears.clear()
+        self._missing.clear()
+        if self._knocker is not None:
+            self._knocker.close()
+            self._knocker = None
+        for queue in self._queues:
+            queue.close()
+        self._queues = []
+
+    def watch(self, reader: DataReader[Any], name: str) -> Ear:
+        """Watch a reader; stop with `unwatch` before it is deleted."""
+        statistics = Statistics(reader)
+        ear = Ear(name, _reader=reader, _statistics=statistics, _index=list(statistics.data).index("discarded_bytes"))
+        ear._discarded = ear.discarded()
+        self._ears.append(ear)
+        return ear
+
+    def unwatch(self, ear: Ear) -> None:
+        """Stop watching a reader."""
+        self._ears.remove(ear)
+
+    def check(self) -> str | None:
+        """Look at everything once; to be called about twice a second.
+
+        Returns
+        -------
+        str or None
+            Why this process is deaf, in words; None while it hears, and for a while after the last alarm.
+        """
+        if self._domain is None:
+            return None
+        reason = self._look(self._domain)
+        now = self._clock()
+        if reason is None or now - self._alarm < self._patience:
+            return None
+        quiet = now - self._alarm > 2 * PATIENCE[1]
+        self._patience = PATIENCE[0] if quiet else min(2 * self._patience, PATIENCE[1])
+        self._alarm = now
+        return reason
+
+    def _look(self, domain: Domain) -> str | None:
+        if not loopback.is_open(domain, self._number):
+            return f"domain {self._number} was closed by another node of this process"
+        still = [queue for queue in self._queues if queue.stands_still()]
+        self._knock()
+        lost = [ear for ear in self._ears if ear.loses(self._clock())]
+        if still:
+            return f"nothing is taken from the receive queue of UDP port {still[0].port}"
+        if lost:
+            return f"samples on {lost[0].name} arrive and are thrown away as older than what their writer is said to have sent"
+        return self._endpoint_forgotten()
+
+    def _knock(self) -> None:
+        """Send each receive queue a valid RTPS message that says nothing: a header and a PAD [RTPS 2.5, section 9.4.5.12]."""
+        self._knocks += 1
+        if self._knocker is None:
+            return
+        message = (
+            b"RTPS\x02\x01\x01\x10" + b"pieper knock" + struct.pack("<BBHI", 0x01, 0x01, 4, self._knocks & 0xFFFFFFFF)
+        )
+        for queue in self._queues:
+            with suppress(OSError):  # no room, no route: then nothing new stands at the head, and that is all
+                self._knocker.sendto(message, (queue.address, queue.port))
+
+    def _endpoint_forgotten(self) -> str | None:
+        if self._forgotten is None:
+            return None
+        now = self._clock()
+        self._missing = {what: self._missing.get(what, now) for what in self._forgotten()}
+        for what, since in self._missing.items():
+            if now - since > FORGOTTEN:
+                return f"{what} is listed by its node but not known to DDS"
+        return None
+
+
+class _Queue:
+    """A receive queue of Cyclone, seen through a second descriptor."""
+
+    def __init__(self, one: loopback.UdpSocket) -> None:
+        self.port = one.port
+        self.address = "127.0.0.1" if one.address == "0.0.0.0" else one.address
+        self._socket = loopback.duplicate(one)
+        self._head: tuple[bytes, Any] | None = None
+        self._same = 0
+
+    def stands_still(self) -> bool:
+        """Look at the head of the queue without taking it: whether it is the one of the last `STILL` checks."""
+        try:
+            head = self._socket.recvfrom(256, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+        except OSError:  # empty
+            head = None
+        self._same = self._same + 1 if head is not None and head == self._head else 0
+        self._head = head
+        return self._same >= STILL
+
+    def close(self) -> None:
+        self._socket.close()
