@@ -14,12 +14,14 @@ from cyclonedds.topic import Topic
 
 from pieper.errors import RosError
 from pieper.ros.bare import cyclone
-from pieper.ros.bare.loopback import LAST_DOMAIN, open_domain
+from pieper.ros.bare.loopback import LAST_DOMAIN, close_domain, is_open, open_domain
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from cyclonedds.sub import DataReader
+
+    from pieper.ros.bare.watchdog import Watchdog
 
 ANY = SampleState.Any | ViewState.Any | InstanceState.Any
 
@@ -36,6 +38,8 @@ class Participant:
         ``ROS_DOMAIN_ID``.
     network : bool
         Leave this machine.
+    watchdog : Watchdog
+        Watches the domain and the readers of this participant.
 
     Raises
     ------
@@ -43,12 +47,15 @@ class Participant:
         The domain cannot be opened; the message says why.
     """
 
-    def __init__(self, domain: int, *, network: bool) -> None:
+    def __init__(self, domain: int, *, network: bool, watchdog: Watchdog) -> None:
+        self._number = domain
+        self.watchdog = watchdog
         self._domain: Any = open_domain(domain, network=network)
         try:
             self.dds: Any = DomainParticipant(domain, Qos(Policy.Userdata(b"enclave=/;")))
         except DDSException as error:
             raise RosError(f"Cyclone DDS could not make a participant in domain {domain}: {error}") from error
+        watchdog.start(self._domain)
         self._topics: dict[str, Any] = {}
         self._waitset: Any = WaitSet(self.dds)
         self._guard: Any = GuardCondition(self.dds)
@@ -61,6 +68,11 @@ class Participant:
     def guid(self) -> bytes:
         """The 16 bytes that name the participant in the whole domain."""
         return bytes(self.dds.guid.bytes)
+
+    @property
+    def alive(self) -> bool:
+        """False once the domain was closed, by whichever node of this process."""
+        return self._domain is not None and is_open(self._domain, self._number)
 
     def topic(self, name: str, kind: Any) -> Any:
         """Return the topic of this name, made at its first use.
@@ -115,6 +127,9 @@ class Participant:
             remaining = deadline - time.monotonic()
             if remaining <= 0.0:
                 return False
+        if count < 0 and not self.alive:
+            time.sleep(SLICE)
+            return False
         cyclone.checked(count, "waiting")
         for key in self._triggered[: min(count, len(self._triggered))]:
             if key == 0:
@@ -127,6 +142,17 @@ class Participant:
         """End :meth:`wait`, or the next one; safe from any thread."""
         cyclone.set_guard(self._guard._ref, True)
 
+    def end_domain(self) -> None:
+        """Close the domain, for every node of this process that is in it.
+
+        Raises
+        ------
+        RosError
+            A thread of DDS stands still: only a new process heals this.
+        """
+        self.watchdog.stop()
+        close_domain(self._domain)
+
     def close(self) -> None:
         """Leave the domain with everything that is left of this participant."""
         for key in list(self._conditions):
@@ -134,6 +160,7 @@ class Participant:
         for entity in (self._guard, self._waitset, *self._topics.values(), self.dds):
             cyclone.delete(entity)
         self._topics.clear()
+        self.watchdog.stop()
         self._domain = None
 
 

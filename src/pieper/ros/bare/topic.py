@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from pieper.ros.bare.participant import Participant
+    from pieper.ros.bare.watchdog import Ear
     from pieper.ros.qos import QoS
 
 _BATCH = 256
@@ -54,6 +55,7 @@ class TopicWriter(Endpoint):
         self._qos = qos
         self._user_data = user_data
         self._dds: Any = None
+        self._participant: Participant | None = None
         self._kept: deque[tuple[float, bytes]] = deque(maxlen=qos.depth)
 
     def open(self, participant: Participant) -> None:
@@ -63,6 +65,7 @@ class TopicWriter(Endpoint):
             self._dds = DataWriter(participant.dds, topic, writer_policies(self._qos, self._user_data))
         except DDSException as error:
             raise RosError(f"Cyclone DDS could not make a writer of {self.name!r}: {error}") from error
+        self._participant = participant
         oldest = time.monotonic() - self._qos.lifespan
         for written, data in list(self._kept):
             if written >= oldest:
@@ -81,11 +84,11 @@ class TopicWriter(Endpoint):
         self._send(data)
 
     def _send(self, data: bytes) -> None:
-        if self._dds is None:
+        if self._dds is None or self._participant is None:
             return
         size = (len(data) + 3) & ~3  # RTPS wants multiples of four
         code = cyclone.write(self._dds._ref, cyclone.Sample(data.ljust(size, b"\0"), size))
-        if code == cyclone.TIMEOUT:
+        if code == cyclone.TIMEOUT or (code < 0 and not self._participant.alive):
             self.dropped += 1
         elif code == cyclone.BAD_PARAMETER:
             raise RosError(f"Cyclone DDS refuses {len(data)} bytes as a sample of {self.name!r}")
@@ -105,7 +108,8 @@ class TopicWriter(Endpoint):
     @property
     def matched(self) -> int:
         """Number of readers that are matched now."""
-        return cyclone.matched_readers(self._dds) if self._dds is not None else 0
+        alive = self._participant is not None and self._participant.alive
+        return cyclone.matched_readers(self._dds) if alive else 0
 
     def matched_user_data(self) -> list[bytes]:
         """Return what the matched readers tell of themselves."""
@@ -114,7 +118,7 @@ class TopicWriter(Endpoint):
     def leave(self) -> None:
         """Leave the participant."""
         cyclone.delete(self._dds)
-        self._dds = None
+        self._dds = self._participant = None
 
 
 class TopicReader(Endpoint):
@@ -137,6 +141,7 @@ class TopicReader(Endpoint):
         self._dds: Any = None
         self._participant: Participant | None = None
         self._key = 0
+        self._ear: Ear | None = None
 
     def open(self, participant: Participant) -> None:
         """Enter a participant."""
@@ -147,6 +152,7 @@ class TopicReader(Endpoint):
             raise RosError(f"Cyclone DDS could not make a reader of {self.name!r}: {error}") from error
         self._participant = participant
         self._key = participant.attach(self._dds, self._take)
+        self._ear = participant.watchdog.watch(self._dds, self.name)
 
     def _take(self) -> None:
         reader = self._dds
@@ -155,6 +161,8 @@ class TopicReader(Endpoint):
             cyclone.checked(samples, f"reading {self.name!r}")
             return
         deliver = self._deliver
+        if self._ear is not None:
+            self._ear.heard.update(info.publication_handle for _, info in samples)
         for data, info in samples:
             if self._dds is not reader:  # closed or opened anew by what was delivered
                 return
@@ -174,7 +182,8 @@ class TopicReader(Endpoint):
     @property
     def matched(self) -> int:
         """Number of writers that are matched now."""
-        return cyclone.matched_writers(self._dds) if self._dds is not None else 0
+        alive = self._participant is not None and self._participant.alive
+        return cyclone.matched_writers(self._dds) if alive else 0
 
     def user_data_of(self, writer: int) -> bytes | None:
         """Return what a matched writer tells of itself; None if it is gone."""
@@ -184,6 +193,8 @@ class TopicReader(Endpoint):
         """Leave the participant."""
         if self._participant is not None:
             self._participant.detach(self._key)
-            self._participant = None
+            if self._ear is not None:
+                self._participant.watchdog.unwatch(self._ear)
+            self._participant = self._ear = None
         cyclone.delete(self._dds)
         self._dds = None

@@ -53,7 +53,7 @@ PATIENCE = 2.0, 60.0
 """Seconds from one alarm to the next, at first and at most: doubled by every alarm, and reset after as long a peace."""
 
 
-@dataclass
+@dataclass(eq=False)
 class Ear:
     """What a watched reader was heard to say.
 
@@ -197,7 +197,8 @@ class Watchdog:
 
     def unwatch(self, ear: Ear) -> None:
         """Stop watching a reader."""
-        self._ears.remove(ear)
+        if ear in self._ears:
+            self._ears.remove(ear)
 
     def check(self) -> str | None:
         """Look at everything once; to be called about twice a second.

@@ -11,6 +11,7 @@ from pieper.ros.bare.participant import Participant, domain_id
 from pieper.ros.bare.service import Caller, Server
 from pieper.ros.bare.topic import TopicReader, TopicWriter
 from pieper.ros.bare.type_support import describe
+from pieper.ros.bare.watchdog import Watchdog
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -49,6 +50,7 @@ class DdsWire:
         self._said: dict[str, int] = {}
         self._identities = 0
         self._participant: Participant | None = None
+        self._watchdog = Watchdog(self.domain)
         self._discovery = Discovery(node, namespace)
         self._open()
 
@@ -96,7 +98,11 @@ class DdsWire:
 
     def check(self) -> str | None:
         """Look after the connection; return a sentence if samples were lost or something had to be repaired."""
-        return self._drops()
+        deaf = self._watchdog.check()
+        if deaf is None:
+            return self._drops()
+        self.rebuild()
+        return f"this node was deaf: {deaf}; participant rebuilt, other nodes see it as a new one"
 
     def _drops(self) -> str | None:
         parts = []
@@ -110,7 +116,17 @@ class DdsWire:
     # Life
 
     def rebuild(self) -> None:
-        """Leave the network and enter it again with all that this node has there; handles stay as they are."""
+        """Leave the network and enter it again with all that this node has there; handles stay as they are.
+
+        Other nodes of this process that are in the same domain do the same at their next :meth:`check`.
+
+        Raises
+        ------
+        RosError
+            The network cannot be left, because a thread of DDS stands still, or not be entered.
+        """
+        if self._participant is not None:
+            self._participant.end_domain()
         self._leave()
         self._open()
 
@@ -121,7 +137,7 @@ class DdsWire:
         self._servers.clear()
 
     def _open(self) -> None:
-        self._participant = Participant(self.domain, network=self.network)
+        self._participant = Participant(self.domain, network=self.network, watchdog=self._watchdog)
         self._discovery.open(self._participant)
         for endpoint in self._endpoints:
             endpoint.open(self._participant)
