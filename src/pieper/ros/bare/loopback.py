@@ -222,7 +222,7 @@ class UdpSocket:
     Attributes
     ----------
     fd : int
-        File descriptor.
+        File descriptor; the first, where there are several.
     inode : int
         Its number in ``/proc/net/udp``.
     address, port : str, int
@@ -256,7 +256,7 @@ def sockets() -> list[UdpSocket]:
     RosError
         Where ``/proc/self/fd`` cannot be read: not Linux, or a sandbox without it.
     """
-    found = []
+    found: list[UdpSocket] = []
     try:
         names = [int(p.name) for p in Path("/proc/self/fd").iterdir()]
     except OSError as error:
@@ -267,7 +267,7 @@ def sockets() -> list[UdpSocket]:
     for fd in sorted(names):
         try:
             status = os.fstat(fd)
-            if not stat.S_ISSOCK(status.st_mode):
+            if not stat.S_ISSOCK(status.st_mode) or any(one.inode == status.st_ino for one in found):
                 continue
             with socket.socket(fileno=os.dup(fd)) as copy:
                 if copy.family not in (socket.AF_INET, socket.AF_INET6) or copy.type != socket.SOCK_DGRAM:
