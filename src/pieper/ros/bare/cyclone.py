@@ -84,7 +84,7 @@ def matched_writers(reader: Entity) -> int:
 def user_data_of_readers(writer: Entity) -> list[bytes]:
     """Return what the readers that a writer sends to tell of themselves."""
     handles = (c.c_uint64 * matched_readers(writer))()
-    count = checked(_handles(writer._ref, handles, len(handles)), "listing subscribers")
+    count = checked(_handles(writer._ref, handles, len(handles)), "listing subscribers") if len(handles) else 0
     found = (_user_data(_reader_data(writer._ref, handle)) for handle in handles[: min(count, len(handles))])
     return [data for data in found if data is not None]
 
@@ -111,7 +111,7 @@ def _user_data(endpoint: Any) -> bytes | None:
 def checked(code: int, doing: str) -> int:
     """Return a code of the C library that says all is well; raise RosError for one that does not."""
     if code < 0:
-        raise RosError(f"Cyclone DDS failed at {doing}: {DDSException(code, '').msg.strip() or code}")
+        raise RosError(f"Cyclone DDS failed at {doing}: {DDSException(code)}")
     return code
 
 
