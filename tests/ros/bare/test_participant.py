@@ -26,8 +26,8 @@ with open_bus("node", domain=int(sys.argv[1]), backend="bare") as bus:
     if sys.argv[2] == "handler":
         signal.signal(signal.SIGINT, lambda *_: bus.stop())
     bus.subscribe("target", "std_msgs/msg/String", print)
-    print("open", flush=True)
     try:
+        print("open", flush=True)
         bus.spin()
     except KeyboardInterrupt:
         print("interrupted")
