@@ -1,11 +1,13 @@
 import dataclasses
 import signal
+import threading
 import time
 
 import pytest
 
 from pieper.errors import RosError
 from pieper.ros import messages
+from pieper.ros.bare.topic import TopicWriter
 from pieper.ros.qos import DEFAULT, LATCHED, SENSOR, QoS
 from tests.ros.bare.peers import cdr, process, until, written
 
@@ -97,7 +99,7 @@ def test_a_sample_that_was_given_up_is_told_once(join):
     writer = wire.open_writer("/target", STRING, DEFAULT)
     assert wire.check() is None
     writer.dropped += 3
-    assert wire.check() == "samples given up because a subscriber does not keep up: 3 on rt/target"
+    assert wire.check() == "rt/target: 3 samples were given up because a subscriber does not keep up"
     assert wire.check() is None
 
 
@@ -219,3 +221,62 @@ def test_a_sample_past_its_lifespan_is_not_given_to_the_late(join):
     assert until(lambda: heard, late)
     late.wait(0.05)
     assert [messages.decode(STRING, data).data for data in heard] == ["new"]
+
+
+@pytest.mark.parametrize(
+    ("offered", "wanted", "policy"), [(SENSOR, DEFAULT, "reliability"), (DEFAULT, LATCHED, "durability")]
+)
+def test_ends_that_do_not_fit_are_told_once_on_both_sides(join, offered, wanted, policy):
+    sender, listener = join("sender"), join("listener")
+    sender.open_writer("/target", STRING, offered)
+    listener.open_reader("/target", STRING, wanted, lambda data: None)
+    told = [[], []]
+
+    def both():
+        for wire, said in ((sender, told[0]), (listener, told[1])):
+            said.extend(filter(None, [wire.check()]))
+        return all(told)
+
+    assert until(both, sender, listener)
+    both()
+    assert told == [
+        [f"rt/target: a subscriber asks for another {policy} than this node offers, and hears nothing of it"],
+        [f"rt/target: a publisher offers another {policy} than this node asks for, and is not heard"],
+    ]
+
+
+MANY = """
+import sys
+from pieper.ros.bare import DdsWire
+from pieper.ros.qos import DEFAULT
+
+wire = DdsWire("listener", domain=int(sys.argv[1]))
+for i in range(10):
+    wire.open_reader(f"/target{i}", "std_msgs/msg/String", DEFAULT, lambda data: None)
+wire.wait(60.0)
+"""
+
+
+def test_leaving_many_topics_waits_for_a_dead_subscriber_only_once(join, domain, monkeypatch):
+    """Each writer waits up to a second for what is not acknowledged, so they have to wait at the same time."""
+    wire = join()
+    writers = [wire.open_writer(f"/target{i}", STRING, DEFAULT) for i in range(10)]
+    with process(MANY, domain) as listener:
+        assert until(lambda: all(writer.matched for writer in writers), wire)
+    assert listener.returncode != 0
+    for writer in writers:
+        writer.write(cdr(STRING, data="Hi"))
+    assert not any(writer.acknowledged for writer in writers)
+    all_here = threading.Barrier(len(writers), timeout=10.0)
+    leave = TopicWriter.leave
+
+    def leave_with_the_others(writer):
+        if writer in unheard:
+            unheard.remove(writer)
+            all_here.wait()
+        leave(writer)
+
+    unheard = list(writers)
+    monkeypatch.setattr(TopicWriter, "leave", leave_with_the_others)
+    wire.close()
+    assert unheard == []

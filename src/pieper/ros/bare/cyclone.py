@@ -57,6 +57,13 @@ take_guard = _function("dds_take_guardcondition", _entity, c.POINTER(c.c_bool))
 _readers = _function("dds_get_publication_matched_status", _entity, c.POINTER(dds_c_t.publication_matched_status))
 _writers = _function("dds_get_subscription_matched_status", _entity, c.POINTER(dds_c_t.subscription_matched_status))
 
+_acknowledged = _function("dds_wait_for_acks", _entity, _duration)
+_refused_readers = _function(
+    "dds_get_offered_incompatible_qos_status", _entity, c.POINTER(dds_c_t.offered_incompatible_qos_status)
+)
+_refused_writers = _function(
+    "dds_get_requested_incompatible_qos_status", _entity, c.POINTER(dds_c_t.requested_incompatible_qos_status)
+)
 _handles = _function("dds_get_matched_subscriptions", _entity, c.POINTER(c.c_uint64), c.c_size_t)
 _reader_data = _function("dds_get_matched_subscription_data", _entity, c.c_uint64, result=c.POINTER(_Endpoint))
 _writer_data = _function("dds_get_matched_publication_data", _entity, c.c_uint64, result=c.POINTER(_Endpoint))
@@ -79,6 +86,25 @@ def matched_writers(reader: Entity) -> int:
     status = dds_c_t.subscription_matched_status()
     checked(_writers(reader._ref, status), "counting publishers")
     return int(status.current_count)
+
+
+def acknowledged(writer: Entity) -> bool:
+    """Whether all readers have all that was written."""
+    return bool(_acknowledged(writer._ref, 0) != TIMEOUT)
+
+
+def refused_readers(writer: Entity) -> int | None:
+    """Return the policy because of which readers did not match a writer since the last time, or None."""
+    status = dds_c_t.offered_incompatible_qos_status()
+    code = _refused_readers(writer._ref, status)
+    return int(status.last_policy_id) if code == 0 and status.total_count_change else None
+
+
+def refused_writers(reader: Entity) -> int | None:
+    """Return the policy because of which writers did not match a reader since the last time, or None."""
+    status = dds_c_t.requested_incompatible_qos_status()
+    code = _refused_writers(reader._ref, status)
+    return int(status.last_policy_id) if code == 0 and status.total_count_change else None
 
 
 def user_data_of_readers(writer: Entity) -> list[bytes]:
