@@ -57,6 +57,13 @@ take_guard = _function("dds_take_guardcondition", _entity, c.POINTER(c.c_bool))
 _readers = _function("dds_get_publication_matched_status", _entity, c.POINTER(dds_c_t.publication_matched_status))
 _writers = _function("dds_get_subscription_matched_status", _entity, c.POINTER(dds_c_t.subscription_matched_status))
 
+_acknowledged = _function("dds_wait_for_acks", _entity, _duration)
+_refused_readers = _function(
+    "dds_get_offered_incompatible_qos_status", _entity, c.POINTER(dds_c_t.offered_incompatible_qos_status)
+)
+_refused_writers = _function(
+    "dds_get_requested_incompatible_qos_status", _entity, c.POINTER(dds_c_t.requested_incompatible_qos_status)
+)
 _handles = _function("dds_get_matched_subscriptions", _entity, c.POINTER(c.c_uint64), c.c_size_t)
 _reader_data = _function("dds_get_matched_subscription_data", _entity, c.c_uint64, result=c.POINTER(_Endpoint))
 _writer_data = _function("dds_get_matched_publication_data", _entity, c.c_uint64, result=c.POINTER(_Endpoint))
@@ -81,10 +88,29 @@ def matched_writers(reader: Entity) -> int:
     return int(status.current_count)
 
 
+def acknowledged(writer: Entity) -> bool:
+    """Whether all readers have all that was written."""
+    return bool(_acknowledged(writer._ref, 0) != TIMEOUT)
+
+
+def refused_readers(writer: Entity) -> int | None:
+    """Return the policy because of which readers did not match a writer since the last time, or None."""
+    status = dds_c_t.offered_incompatible_qos_status()
+    code = _refused_readers(writer._ref, status)
+    return int(status.last_policy_id) if code == 0 and status.total_count_change else None
+
+
+def refused_writers(reader: Entity) -> int | None:
+    """Return the policy because of which writers did not match a reader since the last time, or None."""
+    status = dds_c_t.requested_incompatible_qos_status()
+    code = _refused_writers(reader._ref, status)
+    return int(status.last_policy_id) if code == 0 and status.total_count_change else None
+
+
 def user_data_of_readers(writer: Entity) -> list[bytes]:
     """Return what the readers that a writer sends to tell of themselves."""
     handles = (c.c_uint64 * matched_readers(writer))()
-    count = checked(_handles(writer._ref, handles, len(handles)), "listing subscribers")
+    count = checked(_handles(writer._ref, handles, len(handles)), "listing subscribers") if len(handles) else 0
     found = (_user_data(_reader_data(writer._ref, handle)) for handle in handles[: min(count, len(handles))])
     return [data for data in found if data is not None]
 
@@ -111,7 +137,7 @@ def _user_data(endpoint: Any) -> bytes | None:
 def checked(code: int, doing: str) -> int:
     """Return a code of the C library that says all is well; raise RosError for one that does not."""
     if code < 0:
-        raise RosError(f"Cyclone DDS failed at {doing}: {DDSException(code, '').msg.strip() or code}")
+        raise RosError(f"Cyclone DDS failed at {doing}: {DDSException(code)}")
     return code
 
 

@@ -30,19 +30,24 @@ class Discovery:
     ----------
     node, namespace : str
         ``"inverse"`` and ``"/cell2"``.
+
+    Attributes
+    ----------
+    writer : TopicWriter
+        Of ``ros_discovery_info``.
     """
 
     def __init__(self, node: str, namespace: str) -> None:
         self._node = node
         self._namespace = namespace
         self._participant = b""
-        self._writer = self._new_writer()
+        self.writer = self._new_writer()
 
     def open(self, participant: Participant) -> None:
         """Enter a participant."""
         self._participant = participant.guid
-        self._writer = self._new_writer()
-        self._writer.open(participant)
+        self.writer = self._new_writer()
+        self.writer.open(participant)
 
     def _new_writer(self) -> TopicWriter:  # a new one each time: what the last one told is not true any more
         return TopicWriter("ros_discovery_info", describe(TYPE), LATCHED, hash_told(TYPE))
@@ -56,11 +61,11 @@ class Discovery:
             "writer_gid_seq": [_gid(guid) for guid in writers],
         }
         message = messages.make(TYPE, gid=_gid(self._participant), node_entities_info_seq=[node])
-        self._writer.write(messages.encode(TYPE, message))
+        self.writer.write(messages.encode(TYPE, message))
 
     def leave(self) -> None:
         """Leave the participant."""
-        self._writer.leave()
+        self.writer.leave()
 
 
 def hash_told(type_name: str) -> str:

@@ -40,6 +40,10 @@ class Endpoint(ABC):
     def writer_guids(self) -> Sequence[bytes]:
         """What DDS calls the writers of this endpoint, 16 bytes each."""
 
+    def complaint(self) -> str | None:
+        """Return a sentence about what went wrong since the last time, if anything did."""
+        return None
+
     def close(self) -> None:
         """Leave the network for good."""
         self.leave()

@@ -18,6 +18,9 @@ LONGEST_WRITE = 0.01
 _CDR = Policy.DataRepresentation(use_cdrv0_representation=True)  # ROS is plain CDR, version 1
 _UNLIMITED = -1
 
+POLICIES = {2: "durability", 11: "reliability"}
+"""Numbers in DDS of the policies that ROS nodes differ in."""
+
 
 def writer_policies(qos: QoS, user_data: str) -> Qos:
     """Return the policies of a writer; ``user_data`` is what other nodes read about it."""

@@ -46,6 +46,10 @@ class _TwoTopics(Endpoint):
         self.reader.leave()
         self.writer.leave()
 
+    def complaint(self) -> str | None:
+        """Return a sentence about what went wrong at either topic."""
+        return self.reader.complaint() or self.writer.complaint()
+
     @property
     def reader_guids(self) -> Sequence[bytes]:
         """That of its reader."""

@@ -16,7 +16,7 @@ from pieper.errors import RosError
 from pieper.ros.bare import cyclone
 from pieper.ros.bare.endpoint import Endpoint
 from pieper.ros.bare.participant import ANY
-from pieper.ros.bare.qos import reader_policies, writer_policies
+from pieper.ros.bare.qos import POLICIES, reader_policies, writer_policies
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -51,6 +51,7 @@ class TopicWriter(Endpoint):
     def __init__(self, name: str, kind: Any, qos: QoS, user_data: str) -> None:
         self.name = name
         self.dropped = 0
+        self._told = 0
         self._kind = kind
         self._qos = qos
         self._user_data = user_data
@@ -110,6 +111,22 @@ class TopicWriter(Endpoint):
         """Number of readers that are matched now."""
         alive = self._participant is not None and self._participant.alive
         return cyclone.matched_readers(self._dds) if alive else 0
+
+    @property
+    def acknowledged(self) -> bool:
+        """Whether all reliable readers have all that was written; if not, leaving waits for them up to a second."""
+        return self._dds is None or cyclone.acknowledged(self._dds)
+
+    def complaint(self) -> str | None:
+        """Return a sentence about samples that were given up, or about a reader that wants what is not offered."""
+        lost, self._told = self.dropped - self._told, self.dropped
+        if lost:
+            return f"{self.name}: {lost} samples were given up because a subscriber does not keep up"
+        policy = None if self._dds is None else cyclone.refused_readers(self._dds)
+        if policy is None:
+            return None
+        what = POLICIES.get(policy, f"policy {policy}")
+        return f"{self.name}: a subscriber asks for another {what} than this node offers, and hears nothing of it"
 
     def matched_user_data(self) -> list[bytes]:
         """Return what the matched readers tell of themselves."""
@@ -184,6 +201,14 @@ class TopicReader(Endpoint):
         """Number of writers that are matched now."""
         alive = self._participant is not None and self._participant.alive
         return cyclone.matched_writers(self._dds) if alive else 0
+
+    def complaint(self) -> str | None:
+        """Return a sentence about a writer that does not offer what this reader wants."""
+        policy = None if self._dds is None else cyclone.refused_writers(self._dds)
+        if policy is None:
+            return None
+        what = POLICIES.get(policy, f"policy {policy}")
+        return f"{self.name}: a publisher offers another {what} than this node asks for, and is not heard"
 
     def user_data_of(self, writer: int) -> bytes | None:
         """Return what a matched writer tells of itself; None if it is gone."""

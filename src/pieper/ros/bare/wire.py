@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, TypeVar
 
 from pieper.errors import RosError
@@ -47,7 +48,6 @@ class DdsWire:
         self.network = network
         self._endpoints: list[Endpoint] = []
         self._servers: list[Server] = []
-        self._said: dict[str, int] = {}
         self._identities = 0
         self._participant: Participant | None = None
         self._watchdog = Watchdog(self.domain)
@@ -100,18 +100,13 @@ class DdsWire:
         """Look after the connection; return a sentence if samples were lost or something had to be repaired."""
         deaf = self._watchdog.check()
         if deaf is None:
-            return self._drops()
+            return self._complaints()
         self.rebuild()
         return f"this node was deaf: {deaf}; participant rebuilt, other nodes see it as a new one"
 
-    def _drops(self) -> str | None:
-        parts = []
-        for writer in self._writers():
-            lost = writer.dropped - self._said.get(writer.name, 0)
-            if lost:
-                self._said[writer.name] = writer.dropped
-                parts.append(f"{lost} on {writer.name}")
-        return f"samples given up because a subscriber does not keep up: {', '.join(parts)}" if parts else None
+    def _complaints(self) -> str | None:
+        complaints = [complaint for endpoint in self._endpoints if (complaint := endpoint.complaint())]
+        return "; ".join(complaints) or None
 
     # Life
 
@@ -146,6 +141,10 @@ class DdsWire:
     def _leave(self) -> None:
         if self._participant is None:
             return
+        waiting = [writer for writer in self._writers() if not writer.acknowledged]
+        if waiting:  # each waits up to a second for a subscriber that may be gone: all at once, not one by one
+            with ThreadPoolExecutor(len(waiting)) as pool:
+                list(pool.map(TopicWriter.leave, waiting))
         for endpoint in self._endpoints:
             endpoint.leave()
         self._discovery.leave()
@@ -155,6 +154,9 @@ class DdsWire:
     def _enter(self, endpoint: _Kind) -> _Kind:
         if self._participant is None:
             raise RosError("the node has left the network")
+        if not self._participant.alive:  # another node of this process had to close the domain
+            self._leave()
+            self._open()
         endpoint.open(self._participant)
         endpoint.on_close = self._forget
         self._endpoints.append(endpoint)
@@ -183,6 +185,7 @@ class DdsWire:
         return self._participant.guid[:12] + self._identities.to_bytes(4, "big")
 
     def _writers(self) -> Iterator[TopicWriter]:
+        yield self._discovery.writer
         for endpoint in self._endpoints:
             if isinstance(endpoint, TopicWriter):
                 yield endpoint
