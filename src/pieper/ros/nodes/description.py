@@ -6,7 +6,6 @@ those that come late: latched, and sent again from time to time for subscribers 
 
 from __future__ import annotations
 
-import os
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +17,8 @@ from pieper.ros.nodes.complaints import Complaints
 from pieper.ros.qos import DEFAULT, LATCHED
 
 if TYPE_CHECKING:
+    import os
+
     from pieper.ros.bus import Bus
 
 STRING = "std_msgs/msg/String"
