@@ -17,6 +17,7 @@ from pieper.ros.nodes.joint_states import JOINT_STATE, JointStates
 from pieper.ros.nodes.transforms import TF_MESSAGE, DhFrames, TransformMessage, link_frames
 from pieper.ros.qos import LATCHED, TF
 from pieper.spatial.rotation import as_quaternion
+from pieper.spatial.twist import quaternion_from_matrix
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -122,7 +123,7 @@ class Forward:
             self._complaints.say("error", f"Error al evaluar fk_func: {error}")
             return
         try:
-            quaternion = as_quaternion(T[:3, :3])
+            quaternion = quaternion_from_matrix(T[:3, :3])
         except PieperError as error:
             self._complaints.say("error", f"Error al convertir matriz a cuaternión: {error}")
             return
