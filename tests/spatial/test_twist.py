@@ -167,3 +167,12 @@ def test_malformed_input_is_refused() -> None:
 def test_twist_needs_numpy_alone() -> None:
     code = "import sys, pieper.spatial.twist, pieper.spatial.pose; sys.exit(any(m.split('.')[0] == 'scipy' for m in sys.modules))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("angle", [*MAGNITUDES, *(np.pi - b for b in NEAR_PI), np.pi])
+def test_the_quaternion_of_one_matrix_is_that_of_many(angle: float) -> None:
+    Rs = twist.exp(twists(3, angle, count=50))[:, :3, :3]
+    Rs = np.concatenate([Rs, Rs @ np.diag([1.0, -1.0, -1.0]), Rs @ np.diag([-1.0, 1.0, -1.0]), [np.eye(3)]])
+    many = twist.quaternion_from_matrix(Rs)
+    one = np.array([twist.quaternion_from_matrix(R) for R in Rs])
+    np.testing.assert_array_equal(one, many)

@@ -1,0 +1,554 @@
+"""``inverse``: a target in, joint states or a trajectory out.
+
+Two methods. ``report`` is that of a course report on the MH12 (node ``inverse_mh12_node``, whose lines of log it writes):
+``q += step * pinv(J) e``, one step at every tick of a timer, each of them published. ``solve`` asks the solver of this package
+for the answer nearest to where the arm is, within its limits, and makes one smooth move of it.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pieper.errors import ArrayError, MotionError, PieperError, RosError
+from pieper.ik.iteration import iterate
+from pieper.ik.numeric import solve_numeric
+from pieper.ik.target import ignore_orientation
+from pieper.motion.joint_move import joint_move
+from pieper.motion.limits import JointLimits
+from pieper.motion.trajectory import Trajectory
+from pieper.ros.nodes.complaints import Complaints
+from pieper.ros.nodes.joint_states import JOINT_STATE, JointStates
+from pieper.spatial.rotation import from_quaternion
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from pieper.arm import Arm
+    from pieper.ik.iteration import Step
+    from pieper.model.chain import Chain
+    from pieper.ros.bus import Bus, Timer
+
+    FloatArray = NDArray[np.float64]
+
+POINT = "geometry_msgs/msg/Point"
+POSE = "geometry_msgs/msg/PoseStamped"
+TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+
+_LOOK_EVERY = 0.1  # seconds
+_PATIENCE = 2.0  # seconds that a target waits for the first joint states of a controller that is there
+_NEARLY_INSIDE = 0.01  # [rad or m]; an encoder may read a little beyond a limit
+_SLOWER = 1.0 + 1e-6  # so that a duration in whole nanoseconds keeps the velocity limits
+_SLOWER_MOVING = 0.98  # since the arm is a little further when its controller hears of it
+_LONGER = 1.2  # how much more time a move gets that would exceed a limit
+_LONGER_OFTEN = 30
+_OWN_REMEMBERED = 256  # messages of its own that may still be on their way back
+
+
+def node_name(arm: Arm) -> str:
+    """Name of the node for an arm: that of the report for its own.
+
+    >>> import pieper
+    >>> node_name(pieper.load("mh12")), node_name(pieper.load("ur5e"))
+    ('inverse_mh12_node', 'inverse')
+    """
+    return "inverse_mh12_node" if arm.name in ("yaskawa_mh12", "mh12-report") else "inverse"
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Where the arm is and how it moves: three (n,) arrays."""
+
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Target:
+    """What was asked for: a position (3,) or a pose (4, 4) of the tip in the base frame."""
+
+    wanted: FloatArray
+
+    @property
+    def is_point(self) -> bool:
+        return self.wanted.shape == (3,)
+
+    @property
+    def position(self) -> FloatArray:
+        return self.wanted if self.is_point else self.wanted[:3, 3]
+
+
+@dataclass(eq=False)
+class _Iteration:
+    """A run of method ``report``."""
+
+    steps: Iterator[Step]
+    count: int  # of steps at most
+    last: Step
+    kept: NDArray[np.intp]  # places of the joints that iterate, among those of the arm; the others are at 0
+
+
+@dataclass(eq=False)
+class _Motion:
+    """A move that this node shows by joint states of its own."""
+
+    trajectory: Trajectory
+    began: int  # ns
+
+
+class Inverse:
+    r"""Brings the tip of an arm to targets.
+
+    Subscribes ``target`` (a Point: the orientation is left free), ``target_pose`` (a PoseStamped in the base frame) and
+    ``joint_states``; publishes ``joint_trajectory`` where a controller listens there, else ``joint_states``; serves ``~/cancel``.
+
+    *Busy.* It is never too busy for a target: the newest one replaces what runs, from where the arm is then. A target that is
+    malformed or out of reach is refused with the reason in the log; nothing moves for it, and what runs goes on.
+    ``~/cancel`` ends what runs; the arm comes to rest.
+
+    *Where the arm is* is what the joint states of another node say, else where this node brought it last, at first all zeros
+    (or the limit nearest to zero).
+
+    Parameters of the node: ``method`` (``solve`` or ``report``), ``output`` (``auto``, ``joint_states`` or ``trajectory``),
+    ``rate``, ``speed``; for method ``report`` ``step``, ``iterations``, ``tolerance``, ``stop``, ``orientation``, ``hold``, ``offset``.
+
+    Parameters
+    ----------
+    bus : Bus
+        The network.
+    arm : Arm
+        What moves.
+
+    Examples
+    --------
+    >>> import pieper
+    >>> from pieper.ros.fake import FakeNetwork
+    >>> network = FakeNetwork()
+    >>> bus, user = network.bus("inverse_mh12_node", ["--ros-args", "-p", "method:=report"]), network.bus("user")
+    >>> node = Inverse(bus, pieper.load("mh12"))
+    >>> user.publisher("target", POINT).send(x=0.3, y=0.3, z=0.3)
+    >>> network.advance(3.0)
+    >>> print(*bus.lines[:4], *bus.lines[-2:], sep="\n")
+    Node inverse started
+    Received target: x=0.300, y=0.300, z=0.300
+    Published joint angles: [0.020112, -0.082213, -0.156107, 0.000000, -0.031586, 0.000000]
+    Error: 1.171888
+    Error: 0.000000
+    Finished IK iterations for target.
+    """
+
+    def __init__(self, bus: Bus, arm: Arm) -> None:
+        self._bus, self._arm = bus, arm
+        self._joints = JointStates(arm.chain)
+        self._limits = JointLimits.of(arm.chain)
+        self._complaints = Complaints(bus)
+        self._declare_parameters()
+        self._place, self._placed_at = _at_rest(np.clip(np.zeros(arm.dof), *arm.limits.T)), -1
+        self._measured: _Place | None = None
+        self._measured_at = 0
+        self._run: _Iteration | _Motion | None = None
+        self._timer: Timer | None = None
+        self._waiting: tuple[_Target, int] | None = None
+        self._controller_busy_until = 0
+        self._own: deque[tuple[int, int, bytes]] = deque(maxlen=_OWN_REMEMBERED)
+        self._crowded = False
+        self._states = bus.publisher("joint_states", JOINT_STATE)
+        self._commands = bus.publisher("joint_trajectory", TRAJECTORY)
+        self._heard = bus.subscribe("joint_states", JOINT_STATE, self._on_joint_states)
+        bus.subscribe("target", POINT, self._on_point)
+        bus.subscribe("target_pose", POSE, self._on_pose)
+        bus.serve("~/cancel", "std_srvs/srv/Trigger", self._on_cancel)
+        bus.timer(_LOOK_EVERY, self._look)
+        bus.log("info", "Node inverse started")
+
+    def _declare_parameters(self) -> None:
+        declare = self._bus.parameter
+        self._method = declare("method", "solve", description="solve or report", check=_one_of("solve", "report"))
+        self._output = declare(
+            "output",
+            "auto",
+            description="joint_states, trajectory, or auto: a trajectory where a controller listens",
+            check=_one_of("auto", "joint_states", "trajectory"),
+        )
+        self._rate = declare("rate", 100.0, description="joint states a second", check=_between(0.1, 10_000.0))
+        self._speed = declare(
+            "speed", 1.0, description="fraction of the velocity limits to move with", check=_between(0.001, 1.0)
+        )
+        self._step = declare("step", 0.06, description="report: gain of a step", check=_between(1e-6, 2.0))
+        self._iterations = declare(
+            "iterations", 255, description="report: number of steps", check=_between(1, 1_000_000)
+        )
+        self._tolerance = declare(
+            "tolerance",
+            1e-4,
+            description="report: what may be left at the end [m, and rad for a pose]",
+            check=_between(1e-15, 1.0),
+        )
+        self._stop = declare("stop", False, description="report: end as soon as no more than the tolerance is left")
+        self._orientation = declare(
+            "orientation",
+            "ignore",
+            description="report: ignore the orientation for a Point, or hold it",
+            check=_one_of("ignore", "hold"),
+        )
+        self._hold = declare(
+            "hold",
+            "joint_4_r" if "joint_4_r" in self._arm.joint_names else "",
+            description="report: joints that stay at 0 for a Point, separated by commas",
+            check=self._check_hold,
+        )
+        self._offset = declare(
+            "offset",
+            [0.0, 0.0, 0.0],
+            description="report: how far a Point is moved away from the planes of the base frame [m]",
+            check=_check_offset,
+        )
+
+    # What comes in
+
+    def _on_point(self, message: Any) -> None:
+        p = np.array([message.x, message.y, message.z])
+        self._bus.log("info", f"Received target: {_as_words(p)}")
+        if not np.isfinite(p).all():
+            self._refuse(f"the target must be finite, got {_as_words(p)}")
+            return
+        self._begin(_Target(p))
+
+    def _on_pose(self, message: Any) -> None:
+        p, q = message.pose.position, message.pose.orientation
+        position, quaternion = np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
+        self._bus.log("info", f"Received target: {_as_words(position)}")
+        frame = message.header.frame_id.removeprefix("/")
+        if frame not in ("", self._arm.base):
+            self._refuse(f"the target is given in frame {frame!r}; give it in the base frame {self._arm.base!r}")
+            return
+        T = np.eye(4)
+        try:
+            T[:3, :3] = from_quaternion(quaternion)
+        except ArrayError as error:
+            self._refuse(str(error))
+            return
+        if not np.isfinite(position).all():
+            self._refuse(f"the target must be finite, got {_as_words(position)}")
+            return
+        T[:3, 3] = position
+        self._begin(_Target(T))
+
+    def _on_joint_states(self, message: Any) -> None:
+        if (message.header.stamp.sec, message.header.stamp.nanosec, message.position.tobytes()) in self._own:
+            return
+        try:
+            q = self._joints.read(message)
+        except RosError as error:
+            self._complaints.say("warn", str(error))
+            return
+        if not np.isfinite(q).all():
+            self._complaints.say("warn", f"joint states not used: the positions must be finite, got {q.tolist()}")
+            return
+        self._measured = _Place(q, self._joints.velocity(message), np.zeros(len(q)))
+        self._measured_at = self._bus.now()
+        if self._waiting is not None:
+            self._begin(self._waiting[0])
+
+    def _on_cancel(self, request: Any) -> dict[str, Any]:
+        running = self._run is not None or self._waiting is not None
+        if isinstance(self._run, _Motion):
+            self._show(_at_rest(self._place.q))
+        self._end()
+        if self._bus.now() < self._controller_busy_until:
+            self._brake()
+            running = True
+        message = "cancelled; the arm comes to rest where it is" if running else "nothing was running"
+        self._bus.log("info", f"Cancel: {message}")
+        return {"success": running, "message": message}
+
+    # From a target to a run
+
+    def _begin(self, target: _Target) -> None:
+        self._waiting = None
+        if self._to_controller() and self._measured is None:
+            self._end()
+            self._waiting = target, self._bus.now() + round(_PATIENCE * 1e9)
+            return
+        try:
+            run = self._iteration(target) if self._method.value == "report" else self._solution(target)
+        except PieperError as error:
+            self._refuse(str(error))
+            return
+        self._end()
+        if isinstance(run, _Iteration):
+            self._start(run)
+        else:
+            self._move(run)
+
+    def _solution(self, target: _Target) -> Trajectory:
+        """The move to the answer that is nearest to where the arm is."""
+        chain, place = self._arm.chain, self._now()
+        seed = np.clip(place.q, *chain.limits.T)
+        if target.is_point:  # by iteration from here: sampling a whole family of answers would take milliseconds
+            answers = solve_numeric(chain, ignore_orientation(target.wanted), seed=seed)
+        else:
+            answers = self._arm.ik(target.wanted, seed)
+        if not answers.reached:
+            raise RosError(answers.reason)
+        move = self._plan(place, answers.q[0])
+        self._bus.log("info", f"Joint angles: {self._angles(answers.q[0])}")
+        self._bus.log("info", f"Error: {float(answers.position_error[0]):.6f}")
+        return move
+
+    def _iteration(self, target: _Target) -> _Iteration:
+        """The run of the report's rule, before its first step."""
+        held = self._held() if target.is_point else ()
+        chain: Chain = self._arm.chain
+        kept = np.array([i for i, name in enumerate(chain.joint_names) if name not in held], dtype=np.intp)
+        if held:
+            chain = chain.lock(**dict.fromkeys(held, 0.0))
+        stop = self._tolerance.value if self._stop.value else None
+        steps = iterate(
+            chain,
+            target.wanted,
+            self._now().q[kept],
+            orientation=self._orientation.value if target.is_point else "reach",
+            alpha=self._step.value,
+            iterations=self._iterations.value,
+            position_stop=stop,
+            rotation_stop=None if target.is_point else stop,
+            target_offset=self._offset.value if target.is_point else None,
+        )
+        return _Iteration(steps, self._iterations.value, next(steps), kept)
+
+    def _plan(self, place: _Place, q_goal: FloatArray) -> Trajectory:
+        """The smooth move from where the arm is, moving or not, to rest at the goal, within position and velocity limits."""
+        chain = self._arm.chain
+        q = np.clip(place.q, *chain.limits.T)
+        apart = np.abs(q - place.q)
+        if (apart > _NEARLY_INSIDE).any():
+            joint = int(np.argmax(apart))
+            raise MotionError(
+                f"the arm is outside its limits, joint {chain.joint_names[joint]!r} by {apart[joint]:.3g}; bring it back first"
+            )
+        fastest = self._speed.value * self._limits.velocity
+        move = joint_move(chain, q, q_goal, max_velocity=fastest)
+        if not place.dq.any():
+            return move
+        some = np.minimum(np.abs(place.dq), self._limits.velocity)
+        limits = JointLimits.of(chain, max_velocity=np.maximum(_SLOWER_MOVING * fastest, some))
+        zero = np.zeros(chain.dof)
+        duration = max(move.duration, 2.0 * float(np.max(np.abs(place.dq) / limits.acceleration)))
+        for last in range(_LONGER_OFTEN + 1):
+            joined = Trajectory(
+                np.array([0.0, duration]),
+                np.stack([q, q_goal]),
+                np.stack([place.dq, zero]),
+                np.stack([place.ddq, zero]),
+                chain.joint_names,
+            )
+            try:
+                limits.check_trajectory(joined)
+            except MotionError:
+                if last == _LONGER_OFTEN:
+                    raise
+                duration *= _LONGER
+            else:
+                break
+        return joined
+
+    # Runs
+
+    def _start(self, run: _Iteration) -> None:
+        self._run = run
+        self._timer = self._bus.timer(1.0 / self._rate.value, self._iterate)
+        self._iterate()
+
+    def _iterate(self) -> None:
+        run = self._run
+        if not isinstance(run, _Iteration):
+            return
+        try:
+            step = next(run.steps, None)
+        except PieperError as error:
+            self._end()
+            self._refuse(str(error))
+            return
+        if step is not None:
+            if not self._to_controller():
+                self._show(_at_rest(self._whole(run, step)))
+                self._bus.log("info", f"Published joint angles: {self._angles(self._place.q)}")
+            self._bus.log("info", f"Error: {run.last.norm:.6f}")
+            run.last = step
+        if step is None or step.iteration == run.count:
+            self._end()
+            self._bus.log("info", "Finished IK iterations for target.")
+            self._conclude(run)
+
+    def _conclude(self, run: _Iteration) -> None:
+        """Judge what the iteration has come to; a controller gets it if it is an answer."""
+        q = self._whole(run, run.last)
+        parts = np.linalg.norm(run.last.error.reshape(-1, 3), axis=1)
+        tolerance = self._tolerance.value
+        if (parts > tolerance).any():
+            left = " and ".join(f"{part:.6f} {unit}" for part, unit in zip(parts, ("m", "rad"), strict=False))
+            self._refuse(f"not reached: {left} left after {run.last.iteration} iterations; {tolerance:g} is allowed")
+            return
+        lower, upper = self._arm.limits.T
+        outside = [name for name, out in zip(self._arm.joint_names, (q < lower) | (q > upper), strict=True) if out]
+        if outside:
+            self._complaints.say(
+                "warn",
+                f"the answer is outside the limits of {', '.join(outside)}: this method knows none; method:=solve keeps them",
+            )
+        if self._to_controller():
+            try:
+                self._move(self._plan(self._now(), q))
+            except PieperError as error:
+                self._refuse(str(error))
+            else:
+                self._bus.log("info", f"Published joint angles: {self._angles(q)}")
+
+    def _move(self, trajectory: Trajectory) -> None:
+        """Have the controller make a move, or show it by joint states, the first of them now."""
+        if self._to_controller():
+            self._command(trajectory.q[-1], trajectory.duration)
+            return
+        self._run = _Motion(trajectory, self._bus.now())
+        self._timer = self._bus.timer(1.0 / self._rate.value, self._show_motion)
+        self._show_motion()
+
+    def _command(self, q: FloatArray, duration: float) -> None:
+        """One point to be at in time: a controller goes there from where the arm is, and from the velocity that it has."""
+        nanoseconds = max(1_000_000, round(duration * _SLOWER * 1e9))
+        sec, nanosec = divmod(nanoseconds, 1_000_000_000)
+        rest = [0.0] * len(self._joints.names)
+        self._commands.send(
+            joint_names=list(self._joints.names),
+            points=[
+                {
+                    "positions": self._joints.write(q),
+                    "velocities": rest,
+                    "accelerations": rest,
+                    "time_from_start": {"sec": sec, "nanosec": nanosec},
+                }
+            ],
+        )
+        self._controller_busy_until = self._bus.now() + nanoseconds
+        self._bus.log("info", f"Sent to {self._commands.topic}: {duration:.3f} s")
+
+    def _show_motion(self) -> None:
+        run = self._run
+        if not isinstance(run, _Motion):
+            return
+        t = (self._bus.now() - run.began) * 1e-9
+        self._show(_Place(*run.trajectory.sample(max(0.0, t))))
+        if t >= run.trajectory.duration:
+            self._end()
+            self._bus.log("info", f"Published joint angles: {self._angles(self._place.q)}")
+
+    def _show(self, place: _Place) -> None:
+        """Publish joint states."""
+        self._place, self._placed_at = place, self._bus.now()
+        stamp, positions = self._bus.stamp(), self._joints.write(place.q)
+        self._own.append((stamp["sec"], stamp["nanosec"], np.array(positions).tobytes()))
+        self._states.send(
+            header={"stamp": stamp},
+            name=list(self._joints.names),
+            position=positions,
+            velocity=self._joints.write(place.dq),
+        )
+
+    def _end(self) -> None:
+        """End what runs."""
+        self._waiting = self._run = None
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _brake(self) -> None:
+        """Have the controller bring a moving arm to rest near where it is."""
+        place = self._now()
+        duration = 2.0 * max(float(np.max(np.abs(place.dq) / self._limits.acceleration)), _LOOK_EVERY)
+        q = np.clip(place.q + 0.5 * duration * place.dq, *self._arm.limits.T)
+        self._command(q, duration)
+        self._controller_busy_until = 0
+
+    # Beneath
+
+    def _now(self) -> _Place:
+        """Where the arm is."""
+        if self._measured is None or (self._placed_at > self._measured_at and not self._to_controller()):
+            return self._place
+        return self._measured
+
+    def _to_controller(self) -> bool:
+        output = self._output.value
+        return output == "trajectory" or (output == "auto" and self._commands.subscribers > 0)
+
+    def _whole(self, run: _Iteration, step: Step) -> FloatArray:
+        q = np.zeros(self._arm.dof)
+        q[run.kept] = step.q
+        return q
+
+    def _held(self) -> tuple[str, ...]:
+        return tuple(name for name in map(str.strip, self._hold.value.split(",")) if name)
+
+    def _check_hold(self, value: str) -> None:
+        known = self._arm.joint_names
+        for name in map(str.strip, value.split(",")):
+            if name and name not in known:
+                raise ValueError(f"no joint {name!r} of {self._arm.name!r}; joints are: {', '.join(known)}")
+        if set(map(str.strip, value.split(","))) >= set(known):
+            raise ValueError("at least one joint has to be free to move")
+
+    def _angles(self, q: FloatArray) -> str:
+        return f"[{', '.join(f'{value:.6f}' for value in np.round(self._joints.write(q), 6) + 0.0)}]"
+
+    def _refuse(self, reason: str) -> None:
+        self._bus.log("warn", f"target refused: {reason}")
+
+    def _look(self) -> None:
+        if self._waiting is not None and not 0 <= self._waiting[1] - self._bus.now() <= _PATIENCE * 1e9:
+            self._waiting = None
+            self._refuse(f"no joint states on {self._heard.topic}, so it is not known where the arm is")
+        crowded = self._run is not None and not self._to_controller() and self._heard.publishers > 1
+        if crowded and not self._crowded:
+            self._bus.log(
+                "warn",
+                f"another node publishes {self._heard.topic} too: what shows the arm jumps between the two; "
+                "stop it, or have a controller listen on joint_trajectory",
+            )
+        self._crowded = self._crowded or crowded
+
+
+def _at_rest(q: FloatArray) -> _Place:
+    return _Place(q, np.zeros(len(q)), np.zeros(len(q)))
+
+
+def _as_words(p: FloatArray) -> str:
+    x, y, z = p
+    return f"x={x:.3f}, y={y:.3f}, z={z:.3f}"
+
+
+def _one_of(*words: str) -> Any:
+    def check(value: str) -> None:
+        if value not in words:
+            raise ValueError(f"must be one of {', '.join(words)}, got {value!r}")
+
+    return check
+
+
+def _between(least: float, greatest: float) -> Any:
+    def check(value: float) -> None:
+        if not least <= value <= greatest:
+            raise ValueError(f"must be from {least:g} to {greatest:g}, got {value!r}")
+
+    return check
+
+
+def _check_offset(value: list[float]) -> None:
+    if len(value) != 3 or not np.isfinite(value).all():
+        raise ValueError(f"must be three finite numbers, got {value!r}")
