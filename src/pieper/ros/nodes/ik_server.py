@@ -161,7 +161,7 @@ class IkServer:
         group = self._group.value
         if group and request.group_name not in ("", group):
             raise _MoveItError(
-                INVALID_GROUP_NAME, f"no group {request.group_name!r}; the group of this server is {group!r}"
+                INVALID_GROUP_NAME, f"no group {request.group_name[:255]!r}; the group of this server is {group!r}"
             )
         if request.avoid_collisions:
             raise _MoveItError(
@@ -175,7 +175,9 @@ class IkServer:
             )
         link = request.ik_link_name or self._arm.tip
         if link not in self._tips:
-            raise _MoveItError(INVALID_LINK_NAME, str(unknown_name("link", link, self._tips, "those fixed to the tip")))
+            raise _MoveItError(
+                INVALID_LINK_NAME, str(unknown_name("link", link[:255], self._tips, "those fixed to the tip"))
+            )
         seed = self._state(request.robot_state.joint_state)
         T, reason = self._pose_of_tip(request.pose_stamped.pose, self._tips[link])
         if reason:
@@ -197,7 +199,7 @@ class IkServer:
                 )
             for link in links:
                 if link not in frames:
-                    raise _MoveItError(INVALID_LINK_NAME, str(unknown_name("link", link, frames, self._arm.name)))
+                    raise _MoveItError(INVALID_LINK_NAME, str(unknown_name("link", link[:255], frames, self._arm.name)))
             frame = request.header.frame_id or self._arm.base
             T_base_header = self._base(frame).home
             q = self._state(request.robot_state.joint_state, limits=False)
@@ -240,7 +242,7 @@ class IkServer:
         name = frame or self._arm.base
         if name not in self._bases:
             raise _MoveItError(
-                FRAME_TRANSFORM_FAILURE, str(unknown_name("frame", name, self._bases, "those fixed to the base"))
+                FRAME_TRANSFORM_FAILURE, str(unknown_name("frame", name[:255], self._bases, "those fixed to the base"))
             )
         return self._bases[name]
 
