@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pieper.cli import convert, fk, ik, info, reach, robots
+from pieper.cli import convert, fk, ik, info, launch, reach, robots, ros
+from pieper.cli.node import RosCommand
 from pieper.errors import MissingExtraError, PieperError, PieperWarning
 
 if TYPE_CHECKING:
@@ -44,6 +45,8 @@ for _verb, _summary in {
     convert: "Write an arm as DH rows, screws, URDF, formulas.",
 }.items():
     app.command(short_help=_summary)(getattr(_verb, _verb.__name__.rpartition(".")[2]))
+app.add_typer(ros.app, name="ros", short_help="ROS 2 nodes, without or with ROS.")
+app.command(cls=RosCommand, short_help="Start several nodes together.")(launch.launch)
 
 
 def _print_version(wanted: bool) -> None:

@@ -130,7 +130,7 @@ def read_parameters(file: str | Path, node: str) -> dict[str, Any]:
         text = Path(file).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise RosError(f"cannot read the parameters file {str(file)!r}: {error}") from error
-    content = _yaml(text, f"the parameters file {str(file)!r}")
+    content = read_yaml(text, f"the parameters file {str(file)!r}")
     if content is None:
         return {}
     if not isinstance(content, dict):
@@ -163,7 +163,7 @@ def read_value(text: str, where: str = "the value") -> Any:
     >>> read_value("1e-9"), read_value("on"), read_value("[1, 2.5]"), read_value("12:30")
     (1e-09, True, [1.0, 2.5], '12:30')
     """
-    return _checked(_yaml(text, where), where) if text.strip() else ""
+    return _checked(read_yaml(text, where), where) if text.strip() else ""
 
 
 def _split(argv: Sequence[str]) -> tuple[list[tuple[str, str]], list[str]]:
@@ -241,7 +241,14 @@ def _checked(value: Any, where: str) -> Any:
     return value
 
 
-def _yaml(text: str, where: str) -> Any:
+def read_yaml(text: str, where: str) -> Any:
+    """Read YAML with scalars as rcl knows them.
+
+    Raises
+    ------
+    RosError
+        It is not YAML; ``where`` says what is not.
+    """
     loader = _loader()
     try:
         from yaml import YAMLError, load

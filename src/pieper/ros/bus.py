@@ -468,6 +468,11 @@ class Bus:
         """
         return self._parameters.declare(name, default, description=description, check=check, read_only=read_only)
 
+    @property
+    def parameters(self) -> Mapping[str, Parameter[Any]]:
+        """The parameters that are declared, by name."""
+        return self._parameters.declared
+
     def log(self, level: str, text: str) -> None:
         """Write a line to standard error and to ``/rosout``; ``level`` is debug, info, warn, error or fatal."""
         if level not in _LEVELS:

@@ -1,0 +1,97 @@
+"""``pieper launch``: the nodes that belong together, started together."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from typing import Annotated
+
+import typer
+
+from pieper.cli.arguments import load
+from pieper.cli.node import Backend, Domain, Network, ros_arguments
+from pieper.errors import PieperError
+
+_WORDS = {"mode": "MODE", "arm": "--arm", "ur_type": "--ur-type"}
+
+
+def launch(
+    context: typer.Context,
+    words: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="MODE NAME:=VALUE", help="forward, inverse or ik; then parameters for the nodes."),
+    ] = None,
+    arm: Annotated[
+        str | None, typer.Option("--arm", metavar="ARM", help="A built-in robot, or a URDF, xacro or JSON file.")
+    ] = None,
+    ur_type: Annotated[
+        str | None, typer.Option("--ur-type", metavar="TYPE", help="The same as --arm: ur3 ... ur30.")
+    ] = None,
+    backend: Backend = None,
+    network: Network = False,
+    domain: Domain = None,
+) -> int:
+    """Start the nodes of a mode, one process each; Ctrl-C ends them.
+
+    As in: pieper launch inverse --arm mh12
+
+    forward: description, controller (moves a simulated arm) and forward. inverse: description, controller and inverse.
+    ik: description and ik_server. As in launch files of ROS, mode:=, arm:= and ur_type:= are understood too.
+    """
+    from pieper.ros import launch as processes
+
+    modes, settings, parameters = _sorted_words(words or [])
+    mode = _one("mode", [*modes, settings.get("mode")], "pieper launch forward --arm mh12")
+    name = _one("arm", [arm, ur_type, settings.get("arm"), settings.get("ur_type")], f"pieper launch {mode} --arm mh12")
+    chosen = processes.find(mode)
+    joint = load(name).joint_names[0]  # and what cannot be loaded is said once, before anything is started
+    options = [*(["--backend", backend] if backend else []), *(["--network"] if network else [])]
+    options += ["--domain", str(domain)] if domain is not None else []
+    ros = [word for parameter in parameters for word in ("-p", parameter)]
+    options += [*(["--ros-args", *ros, "--"] if ros else []), *ros_arguments(context)]
+
+    run = processes.Launch(processes.commands(mode, name, options=options), _say)
+    ends = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
+    before = {number: signal.signal(number, lambda *_: run.stop()) for number in ends}
+
+    def say_what_is_next() -> None:
+        for what, without_ros, with_ros in chosen.hints:
+            _say(f"to {what}:")
+            _say(f"  {without_ros.format(joint=joint)}")
+            _say(f"  {with_ros.format(joint=joint)}")
+        _say("to end all: Ctrl-C")
+
+    try:
+        return run.run(started=say_what_is_next)
+    finally:
+        for number, old in before.items():
+            signal.signal(number, old)
+
+
+def _say(line: str) -> None:
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
+
+
+def _sorted_words(words: list[str]) -> tuple[list[str], dict[str, str], list[str]]:
+    """Modes that were named, settings of the launch, and parameters of the nodes."""
+    settings: dict[str, str] = {}
+    modes, parameters = [], []
+    for word in words:
+        name, assigned, value = word.partition(":=")
+        if not assigned:
+            modes.append(word)
+        elif name in _WORDS:
+            settings[name] = value
+        else:
+            parameters.append(word)
+    return modes, settings, parameters
+
+
+def _one(what: str, given: list[str | None], example: str) -> str:
+    named = [value for value in given if value]
+    if not named:
+        raise PieperError(f"name the {what}, as in: {example}")
+    if len(set(named)) > 1:
+        raise PieperError(f"one {what}, got {' and '.join(repr(value) for value in named)}")
+    return named[0]

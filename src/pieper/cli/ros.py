@@ -1,0 +1,162 @@
+"""``pieper ros``: the nodes, and what one wants to do to them without a ROS installation."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from pieper.cli import bags, topics
+from pieper.cli.arguments import Base, Nominal, Tip, load
+from pieper.cli.node import Backend, Domain, Network, RosCommand, joined, ros_arguments
+from pieper.errors import PieperError, unknown_name
+from pieper.ros.nodes import NODES
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from pieper.arm import Arm
+    from pieper.ros.bus import Bus
+    from pieper.ros.nodes import Entry
+
+_TOPIC = "topic:"
+
+Words = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="ARM NAME:=VALUE",
+        help="A built-in robot, a URDF, xacro or JSON file, or topic:/robot_description; then parameters of the node.",
+    ),
+]
+
+
+class _Nodes(TyperGroup):
+    """A group that helps without arguments, and knows near matches."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the arguments."""
+        return super().parse_args(ctx, args or ["--help"])
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The verb of that name."""
+        command = super().get_command(ctx, cmd_name)
+        if command is None and not cmd_name.startswith("-"):
+            raise unknown_name("node", cmd_name, self.commands)
+        return command
+
+
+app = typer.Typer(
+    cls=_Nodes,
+    rich_markup_mode=None,
+    help="Nodes on the robot's network, with a ROS 2 installation or without one.",
+    epilog="ROS arguments come last: --ros-args -r target:=goal -p rate:=50.0 -r __ns:=/cell2. Ctrl-C ends a node; its exit "
+    "code is 0 then.",
+)
+
+
+def _verb(entry: Entry) -> Callable[..., None]:
+    def run(
+        context: typer.Context,
+        words: Words = None,
+        base: Base = None,
+        tip: Tip = None,
+        nominal: Nominal = False,
+        backend: Backend = None,
+        network: Network = False,
+        domain: Domain = None,
+    ) -> None:
+        arm_name, parameters = _sorted_words(entry, words or [])
+        given = [word for parameter in parameters for word in ("-p", parameter)]
+        arguments = [*(["--ros-args", *given, "--"] if given else []), *ros_arguments(context)]
+
+        from_topic = arm_name.startswith(_TOPIC)
+        arm = load(arm_name, base=base, tip=tip, nominal=nominal) if arm_name and not from_topic else None
+        joining: dict[str, Any] = {"arguments": arguments, "backend": backend, "network": network, "domain": domain}
+        with joined(_node_name(entry, arm), **joining) as bus:
+            if entry.needs == "robot":
+                entry.load()(bus, arm if arm_name.endswith(".json") or base or tip else arm_name or None)
+            else:
+                _start(entry, bus, arm or _arm_from_topic(bus, arm_name, base=base, tip=tip))
+            _check_declared(entry, bus, parameters)
+            bus.spin()
+
+    run.__doc__ = entry.summary
+    return run
+
+
+def _arm_from_topic(bus: Bus, name: str, *, base: str | None, tip: str | None) -> Arm | None:
+    if not name:
+        return None
+    from pieper.ros.nodes.description import arm_from_topic
+
+    return arm_from_topic(bus, topic=name.removeprefix(_TOPIC) or "robot_description", base=base, tip=tip)
+
+
+def _start(entry: Entry, bus: Bus, arm: Arm | None) -> object:
+    """Make the node; it lives as long as the callbacks that the bus has of it."""
+    kind = entry.load()
+    if arm is None:
+        return kind(bus)
+    if entry.needs == "simulator":
+        from pieper.sim.kinematic import KinematicSimulator
+
+        return kind(bus, KinematicSimulator(arm.chain))
+    return kind(bus, arm)
+
+
+def _node_name(entry: Entry, arm: Arm | None) -> str:
+    """The name of the node, which the source reports give for their arms."""
+    name = getattr(import_module(entry.module), "node_name", None)
+    return entry.name if name is None or arm is None else str(name(arm))
+
+
+def _sorted_words(entry: Entry, words: list[str]) -> tuple[str, list[str]]:
+    """The arm that was named, and the parameters."""
+    parameters = [word for word in words if ":=" in word]
+    others = [word for word in words if ":=" not in word]
+    if entry.needs == "nothing":
+        if others:
+            raise PieperError(f"pieper ros {entry.name} takes no arm, and parameters as name:=value; got {others[0]!r}")
+        return "", parameters
+    if not others and entry.needs == "robot":
+        return "", parameters
+    if not others:
+        raise PieperError(f"name the arm: pieper ros {entry.name} mh12 (see pieper robots), or a URDF file")
+    if entry.needs == "robot" and others[0].startswith(_TOPIC):
+        raise PieperError(f"pieper ros {entry.name} without an arm passes on what it hears on robot_description")
+    if len(others) > 1:
+        raise PieperError(f"one arm, then parameters as name:=value; got {others[1]!r} behind the arm {others[0]!r}")
+    return others[0], parameters
+
+
+def _check_declared(entry: Entry, bus: Bus, parameters: list[str]) -> None:
+    for parameter in parameters:
+        name = parameter.partition(":=")[0].rpartition(":")[2]
+        if name not in bus.parameters:
+            raise unknown_name("parameter", name, sorted(bus.parameters), f"node {entry.name!r}")
+
+
+def _list() -> None:
+    """List the nodes."""
+    from pieper.cli.show import console, print_table
+
+    print_table(
+        console(),
+        ["node", "what it does", "start it with"],
+        [
+            [entry.name, entry.summary, f"pieper ros {entry.name}{'' if entry.needs == 'nothing' else ' ARM'}"]
+            for entry in NODES.values()
+        ],
+    )
+
+
+for _entry in NODES.values():
+    app.command(_entry.name, cls=RosCommand, short_help=_entry.summary)(_verb(_entry))
+app.command("list", short_help="List the nodes.")(_list)
+app.command("pub", cls=RosCommand, short_help="Send a message to a topic.")(topics.pub)
+app.command("echo", cls=RosCommand, short_help="Print the messages of a topic.")(topics.echo)
+app.command("call", cls=RosCommand, short_help="Call a service.")(topics.call)
+app.command("record", cls=RosCommand, short_help="Record topics in a bag.")(bags.record)
+app.command("replay", cls=RosCommand, short_help="Send the messages of a bag again.")(bags.replay)
