@@ -25,8 +25,9 @@ import numpy as np
 import results
 
 import pieper
-from pieper.ros import Bus, open_bus
+from pieper.ros import Bus, messages, open_bus
 from pieper.ros.qos import QoS
+from pieper.spatial import rotation
 
 DOMAIN = 77
 TURN = 5.0  # seconds
@@ -72,6 +73,7 @@ class Steady:
     def __init__(self, bus: Bus, names: tuple[str, ...], question: str, answer: str) -> None:
         self.bus, self.names = bus, list(names)
         self.sent: list[int] = []
+        self.warm = 0  # how many of the first do not count
         self.back: dict[int, int] = {}
         self.publisher = bus.publisher(question, "sensor_msgs/msg/JointState", qos=DEEP)
         self.subscription = bus.subscribe(answer, "geometry_msgs/msg/PoseStamped", self.note, qos=DEEP)
@@ -96,10 +98,11 @@ class Steady:
         self.bus.spin_until(lambda: len(self.back) == len(self.sent), timeout=2.0)
 
     def figures(self) -> dict[str, float]:
-        times = np.array([self.back[i] - self.sent[i] for i in self.back]) * 1e-6
+        counted = range(self.warm, len(self.sent))
+        times = np.array([self.back[i] - self.sent[i] for i in counted if i in self.back]) * 1e-6
         return {
-            "messages": len(self.sent),
-            "lost": len(self.sent) - len(self.back),
+            "messages": len(counted),
+            "lost": len(counted) - len(times),
             "median_ms": float(np.median(times)),
             "p99_ms": float(np.percentile(times, 99)),
             "p999_ms": float(np.percentile(times, 99.9)),
@@ -118,8 +121,7 @@ def joint_states(bus: Bus, arm: pieper.Arm, seconds: float, rate: float) -> dict
             raise SystemExit(f"nobody at {one.publisher.topic}")
     for one in asked.values():
         one.run(0.5, rate, joints)  # warm up
-        one.sent.clear()
-        one.back.clear()
+        one.warm = len(one.sent)
     for _ in range(round(seconds / TURN)):
         for one in asked.values():
             one.run(TURN, rate, joints)
@@ -162,7 +164,7 @@ def many_poses(bus: Bus, arm: pieper.Arm, calls: int, count: int = 1000) -> dict
     q = np.random.default_rng(2).uniform(*arm.chain.limits.T, (count, arm.chain.dof))
     poses = []
     for T in arm.fk(q):
-        x, y, z, w = pieper.spatial.rotation.as_quaternion(T[:3, :3])
+        x, y, z, w = rotation.as_quaternion(T[:3, :3])
         position = dict(zip("xyz", T[:3, 3], strict=True))
         poses.append({"position": position, "orientation": {"x": x, "y": y, "z": z, "w": w}})
     clients = {
@@ -172,7 +174,7 @@ def many_poses(bus: Bus, arm: pieper.Arm, calls: int, count: int = 1000) -> dict
     for _ in range(calls):
         for name, client in clients.items():
             bus.call(client, 20.0, poses=[])
-            request = pieper.ros.messages.make("pieper_interfaces/srv/CalculateIK_Request", poses=poses)
+            request = messages.make("pieper_interfaces/srv/CalculateIK_Request", poses=poses)
             start = time.monotonic_ns()
             answer = bus.call(client, 20.0, request)
             times[name].append((time.monotonic_ns() - start) * 1e-6)
