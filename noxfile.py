@@ -73,6 +73,13 @@ def tests(session: nox.Session) -> None:
 
 
 @nox.session
+def rclpy(session: nox.Session) -> None:
+    """Run the tests of the ROS nodes beside a real rclpy (Linux on x86-64, Python 3.10 to 3.13)."""
+    install_pieper(session, "test", "rclpy")
+    session.run("python", "-m", "pytest", "tests/ros", *session.posargs)
+
+
+@nox.session
 def docs(session: nox.Session) -> None:
     """Build the documentation; a warning is an error."""
     install_pieper(session, "docs")

@@ -1,6 +1,22 @@
+import os
+from importlib.util import find_spec
+from pathlib import Path
+
 import pytest
 
 from tests.ros.networks import Network, backends
+
+if find_spec("rclpy"):  # keep it to this machine, too; read when the first node is made
+    from pieper.ros.bare.loopback import configuration
+
+    profile = str(Path(__file__).with_name("fastdds_loopback.xml"))
+    os.environ |= {
+        "FASTRTPS_DEFAULT_PROFILES_FILE": profile,
+        "FASTDDS_DEFAULT_PROFILES_FILE": profile,
+        "CYCLONEDDS_URI": configuration(),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",  # as these files say
+        "ROS_LOG_DIR": str(Path(__file__).parents[2] / "build" / "logs"),
+    }
 
 
 @pytest.fixture(params=list(backends()))

@@ -55,8 +55,9 @@ def test_an_empty_message_of_every_interface_text_survives_the_wire(text: Path) 
     ("type_name", "field", "value"),
     [
         ("geometry_msgs/msg/Quaternion", "w", 1.0),
+        ("sensor_msgs/msg/NavSatStatus", "status", -2),
         ("type_description_interfaces/srv/GetTypeDescription_Request", "include_type_sources", True),
     ],
 )
-def test_default_values_of_interface_texts_are_kept(type_name: str, field: str, value: object) -> None:
+def test_default_values_are_those_of_rosidl(type_name: str, field: str, value: object) -> None:
     assert getattr(messages.make(type_name), field) == value

@@ -33,7 +33,10 @@ _INTERFACES = (
 )
 _NAME = re.compile(r"([a-z][a-z0-9_]*)/(msg|srv|action)/([A-Z][A-Za-z0-9]*(?:_[A-Z][A-Za-z]*)*)")
 _PARTS = {"srv": ("Request", "Response"), "action": ("Goal", "Result", "Feedback")}
-_DEFAULTS = {"geometry_msgs/msg/Quaternion": {"w": 1.0}}  # rosbags drops the defaults of the types it ships
+_DEFAULTS: dict[str, dict[str, Any]] = {  # those other than zero of the types that rosbags ships, which drops them
+    "geometry_msgs/msg/Quaternion": {"w": 1.0},
+    "sensor_msgs/msg/NavSatStatus": {"status": -2},
+}
 _LARGEST = 2**28  # bytes: nothing that a robot arm sends is as large
 
 

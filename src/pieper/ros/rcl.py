@@ -47,7 +47,7 @@ class RclWire:
             from rclpy.executors import SingleThreadedExecutor
         except ImportError as error:
             raise MissingExtraError(
-                "rclpy", "ros", "the rclpy backend (source your ROS 2 first; pip cannot bring it)"
+                "rclpy", "ros", "the rclpy backend (source your ROS 2 first; pip brings it as ros-jazzy-rclpy)"
             ) from error
         self._context = Context()
         rclpy.init(args=[], context=self._context)
