@@ -182,7 +182,7 @@ def read_fields(text: str) -> dict[str, Any]:
     {'x': 0.001, 'header': {'frame_id': 'base_link'}}
     """
     yaml = _yaml()
-    loader = type("Loader", (yaml.SafeLoader,), {})
+    loader: Any = type("Loader", (yaml.SafeLoader,), {})
     loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("+-.0123456789"))
     try:
         fields = yaml.load(text, loader)
