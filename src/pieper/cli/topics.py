@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pieper.ros.qos import QoS
 
 _TYPE = re.compile(r"[a-z]\w*(?:/(?:msg|srv))?/[A-Z]\w*")
+_EXPONENT = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)[eE][-+]?\d+")
 _TO_BE_SENT = 0.2  # seconds that a last message is given to leave
 
 TopicName = Annotated[str, typer.Argument(metavar="TOPIC", help="For example /target.")]
@@ -168,7 +169,7 @@ def call(
 
 
 def read_fields(text: str) -> dict[str, Any]:
-    """Read the fields of a message from YAML, with numbers as ROS writes them.
+    """Read the fields of a message from YAML; ``1e-3`` is a number too, as in YAML 1.2.
 
     Raises
     ------
@@ -180,9 +181,13 @@ def read_fields(text: str) -> dict[str, Any]:
     >>> read_fields("{x: 1e-3, header: {frame_id: base_link}}")
     {'x': 0.001, 'header': {'frame_id': 'base_link'}}
     """
-    from pieper.ros.arguments import read_yaml
-
-    fields = read_yaml(text, f"{text!r:.80}")
+    yaml = _yaml()
+    loader: Any = type("Loader", (yaml.SafeLoader,), {})
+    loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("+-.0123456789"))
+    try:
+        fields = yaml.load(text, loader)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise RosError(f"{text!r:.80} is not YAML: {error}") from error
     if fields is None:
         return {}
     if not isinstance(fields, dict) or not all(isinstance(name, str) for name in fields):
@@ -236,11 +241,16 @@ def _quality(name: str | None, topic: str, *, hear_all: bool = False) -> QoS:
     return QoS(reliable=False) if hear_all else DEFAULT  # a best-effort subscriber hears every publisher
 
 
-def _dumper() -> Any:
+def _yaml() -> Any:
     try:
         import yaml
     except ImportError as error:
-        raise MissingExtraError("pyyaml", "ros", "printing messages") from error
+        raise MissingExtraError("pyyaml", "ros", "reading and printing messages") from error
+    return yaml
+
+
+def _dumper() -> Any:
+    yaml = _yaml()
 
     def dump(fields: Any) -> str:
         text = str(yaml.safe_dump(fields, sort_keys=False, allow_unicode=True, width=10**9))

@@ -147,7 +147,7 @@ class Parameters:
         try:
             parameter.current = parameter.convert(self.given.get(name, default))
         except ValueError as error:
-            raise RosError(str(error)) from None
+            raise RosError(str(error) if repr(name) in str(error) else f"parameter {name!r}: {error}") from None
         self.declared[name] = parameter
         return parameter
 

@@ -67,10 +67,10 @@ def find(name: str) -> Entry:
     --------
     >>> find("inverse").summary
     'Targets in, joint states out.'
-    >>> find("inverze")
+    >>> find("screws")
     Traceback (most recent call last):
     ...
-    pieper.errors.UnknownNameError: no node 'inverze'; did you mean 'inverse'? nodes are: forward, inverse, ...
+    pieper.errors.UnknownNameError: no node 'screws'; nodes are: forward, inverse, ...
     """
     try:
         return NODES[name]

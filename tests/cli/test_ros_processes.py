@@ -1,0 +1,142 @@
+"""Nodes as one starts them: processes of their own, on a real network that ends at this machine."""
+
+from __future__ import annotations
+
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+import pieper
+from pieper.ros import open_bus
+from tests.ros.bare.peers import new_domain
+
+pytestmark = pytest.mark.skipif(find_spec("cyclonedds") is None, reason="cyclonedds is not installed")
+
+LONG = 60.0  # seconds: whoever waits so long has failed; nothing is measured
+DOCUMENTS_ACCURACY = 1e-4  # m, what the source reports claim for their inverse node
+OUR_ACCURACY = 1e-9  # m
+
+
+class Process:
+    """A command with its lines as they come."""
+
+    def __init__(self, *arguments, domain):
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "pieper", *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env={**os.environ, "ROS_DOMAIN_ID": str(domain), "PYTHONUNBUFFERED": "1", "PIEPER_ROS_BACKEND": "bare"},
+        )
+        self.lines = []
+        self._queue = queue.Queue()
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _read(self):
+        with self.process.stdout as lines:
+            for line in lines:
+                self._queue.put(line.rstrip())
+        self._queue.put(None)
+
+    def wait_for(self, text):
+        while not any(text in line for line in self.lines):
+            line = self._queue.get(timeout=LONG)
+            assert line is not None, f"ended before it said {text!r}: {self.lines}"
+            self.lines.append(line)
+
+    def end(self, number=signal.SIGINT):
+        self.process.send_signal(number)
+        return self.ended()
+
+    def ended(self):
+        code = self.process.wait(LONG)
+        while (line := self._queue.get(timeout=LONG)) is not None:
+            self.lines.append(line)
+        return code
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait(LONG)
+
+
+@pytest.fixture
+def domain():
+    return new_domain()
+
+
+def test_a_target_from_a_third_process_moves_the_arm(domain):
+    """Two nodes and `pieper ros pub`, each a process: the arm ends where the target is."""
+    arm = pieper.load("mh12")
+    last = {}
+
+    def hear(message):
+        last["q"] = np.array([dict(zip(message.name, message.position, strict=True))[name] for name in arm.joint_names])
+        last["speed"] = float(np.abs(message.velocity).max()) if len(message.velocity) else np.inf
+
+    def distance():
+        return np.linalg.norm(arm.fk(last["q"])[:3, 3] - 0.3) if last else np.inf
+
+    with (
+        Process("ros", "controller", "mh12", domain=domain) as controller,
+        Process("ros", "inverse", "mh12", domain=domain) as inverse,
+        open_bus("listener", backend="bare", domain=domain) as bus,
+    ):
+        bus.subscribe("joint_states", "sensor_msgs/msg/JointState", hear)
+        controller.wait_for("Ready to move")
+        inverse.wait_for("Node inverse started")
+        assert bus.spin_until(lambda: bool(last), timeout=LONG)
+        assert distance() > 0.1
+        target = ("ros", "pub", "/target", "geometry_msgs/msg/Point", "{x: 0.3, y: 0.3, z: 0.3}", "--once")
+        with Process(*target, domain=domain) as third:
+            assert bus.spin_until(lambda: distance() < DOCUMENTS_ACCURACY and last["speed"] == 0.0, timeout=LONG)
+            assert third.ended() == 0
+        assert distance() < OUR_ACCURACY
+        for node in (controller, inverse):
+            assert node.end(signal.SIGINT) == 0
+            assert not any("Traceback" in line for line in node.lines)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_node_with_code_0(domain, number):
+    with Process("ros", "rotations", domain=domain) as node:
+        node.wait_for("Ready to convert quaternions")
+        said = list(node.lines)
+        assert node.end(number) == 0
+    assert node.lines == said, "a node ends without a word"
+
+
+def test_a_signal_twice_is_a_signal_once(domain):
+    with Process("ros", "rotations", domain=domain) as node:
+        node.wait_for("Ready to convert quaternions")
+        node.process.send_signal(signal.SIGINT)
+        node.process.send_signal(signal.SIGTERM)
+        assert node.ended() == 0
+
+
+def test_a_launch_starts_all_and_a_signal_ends_all(domain):
+    with Process("launch", "ik", "--arm", "ur5e", domain=domain) as launch:
+        launch.wait_for("[ik_server-2] ")
+        launch.wait_for("Ready to receive an IK request")
+        launch.wait_for("[description-1] ")
+        assert launch.end(signal.SIGINT) == 0
+    assert any("[description-1]: process has finished cleanly" in line for line in launch.lines)
+    assert any("[ik_server-2]: process has finished cleanly" in line for line in launch.lines)
+    assert any("pieper ros call /calculate_ik" in line for line in launch.lines)
+
+
+def test_a_launch_ends_when_one_node_cannot_start(domain):
+    with Process("launch", "inverse", "--arm", "mh12", "method:=guess", domain=domain) as launch:
+        assert launch.ended() == 2
+    assert any("[inverse-3] pieper: parameter 'method'" in line for line in launch.lines)
+    assert any("[ERROR] [inverse-3]: process has died" in line for line in launch.lines)
