@@ -15,7 +15,7 @@ from pieper.ros import messages
 from pieper.ros.nodes.complaints import Complaints
 from pieper.ros.nodes.joint_states import JOINT_STATE, JointStates
 from pieper.ros.nodes.transforms import TF_MESSAGE, DhFrames, TransformMessage, link_frames
-from pieper.ros.qos import LATCHED, TF
+from pieper.ros.qos import LATCHED, TF, QoS
 from pieper.spatial.rotation import as_quaternion
 from pieper.spatial.twist import quaternion_from_matrix
 
@@ -51,7 +51,7 @@ class Forward:
     A message that cannot be used changes nothing; the reason goes to the log, at most once a second.
 
     Parameters of the node: ``frame`` (link whose pose is given, by default the tip), ``print_every`` (a pose that has changed
-    is printed at most once in so many seconds; 0: at every message, as the reports do), ``publish_tf``.
+    is printed at most once in so many seconds; 0: at every message, as the reports do), ``publish_tf``, ``queue``.
 
     Parameters
     ----------
@@ -92,6 +92,13 @@ class Forward:
         self._publish_tf = bus.parameter(
             "publish_tf", True, description="send the frames of the links to /tf and /tf_static", read_only=True
         )
+        queue = bus.parameter(
+            "queue",
+            10,
+            description="joint states that wait while the node is busy; more push out the oldest",
+            check=_check_queue,
+            read_only=True,
+        )
         self._pose = messages.make(POSE, header={"frame_id": arm.base})
         self._pose_publisher = bus.publisher("pose", POSE)
         self._to_print: tuple[FloatArray, FloatArray] | None = None
@@ -106,7 +113,9 @@ class Forward:
             self._tf = bus.publisher("/tf", TF_MESSAGE, qos=TF)
             self._tf_static = bus.publisher("/tf_static", TF_MESSAGE, qos=LATCHED)
             self._send_fixed()
-        self._joint_states = bus.subscribe("joint_states", JOINT_STATE, self._on_joint_states)
+        self._joint_states = bus.subscribe(
+            "joint_states", JOINT_STATE, self._on_joint_states, qos=QoS(depth=queue.value)
+        )
         bus.timer(_LOOK_EVERY, self._look)
         bus.log("info", f"Nodo PoE RRR iniciado. Suscrito a: {self._joint_states.topic}")
 
@@ -208,3 +217,8 @@ class Forward:
 def _check_seconds(value: float) -> None:
     if not 0.0 <= value < float("inf"):
         raise ValueError(f"seconds must be at least 0 and finite, got {value!r}")
+
+
+def _check_queue(value: int) -> None:
+    if not 1 <= value <= 10_000:
+        raise ValueError(f"must be from 1 to 10000, got {value!r}")
