@@ -17,6 +17,7 @@ from pieper.errors import ArrayError
 from pieper.ik.closed_form import ClosedFormSolutions, solve_closed_form
 from pieper.ik.family import Family, find_family
 from pieper.ik.numeric import solve_numeric
+from pieper.ik.solve import solve
 from pieper.kinematics.fk import fk
 from pieper.kinematics.jacobian import jacobian
 from pieper.model.chain import Chain
@@ -565,3 +566,12 @@ def test_what_cannot_be_solved_says_so():
     nowhere[0, 3] = 1e200
     assert not solve_closed_form(arm, family("ur5e"), nowhere).valid.any()
     assert solve_closed_form(arm, family("ur5e"), np.eye(4).tolist()).q.shape == (8, 6)
+
+
+def test_one_seed_for_a_batch_at_singular_poses():
+    arm = chain("kuka_kr210_robond")
+    q = np.array([[0.1, 0.2, 0.3, 0.4, 0.0, 0.6], [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]])  # a straight wrist, and a bent one
+    T, seed = fk(arm, q), np.array([0.1, 0.2, 0.3, 0.3, 0.1, 0.5])
+    one, each = solve(arm, T, seed=seed), solve(arm, T, seed=np.tile(seed, (2, 1)))
+    np.testing.assert_array_equal(one.q, each.q)
+    assert one.within_limits.any(axis=-1).all()

@@ -168,3 +168,33 @@ def test_by_branch_names_what_it_does_not_know():
     general = chain("fanuc_crx10ia")
     with pytest.raises(PieperError, match="no label 'front'"):
         select.by_branch(solve(general, fk(general, [0.1] * 6)), "front")
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.lists(st.lists(st.tuples(ANGLE, ANGLE, st.booleans()), min_size=3, max_size=3), min_size=1, max_size=6),
+    st.tuples(st.floats(-8, 8), st.floats(-8, 8)),
+)
+def test_along_takes_the_nearest_to_the_one_before(rows, q):
+    arm = arm_with([[-7.0, 7.0], [-np.inf, 9.0]])
+    found = np.array([[answer[:2] for answer in row] for row in rows])
+    answers = answers_with(arm, found, valid=[[answer[2] for answer in row] for row in rows])
+    here = np.array(q)
+    for i, chosen in enumerate(select.along(answers, q)):
+        one = answers_with(arm, found[i], valid=answers.valid[i])
+        np.testing.assert_array_equal(chosen, select.nearest(one, here))
+        here = here if np.isnan(chosen).any() else chosen
+
+
+def test_along_takes_answers_outside_where_none_is_inside():
+    arm = arm_with([[-1.0, 1.0], [-0.5, 0.5]], slides=[1])
+    answers = answers_with(arm, [[[3.0, 0.7]], [[0.5, 0.2]]])
+    np.testing.assert_allclose(select.along(answers, [-3.0, 0.0]), [[3.0 - TURN, 0.7], [0.5, 0.2]], atol=1e-15)
+    left = select.within_limits(answers, arm)
+    np.testing.assert_array_equal(select.along(left, [-3.0, 0.0]), [[np.nan, np.nan], [0.5, 0.2]])
+
+
+def test_along_is_for_a_sequence():
+    arm = chain("ur5e")
+    with pytest.raises(ArrayError, match=r"a sequence of targets \(m, 4, 4\) and one joint vector \(6,\)"):
+        select.along(solve(arm, fk(arm, np.zeros(6))), np.zeros(6))

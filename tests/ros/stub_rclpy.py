@@ -221,14 +221,27 @@ class _Interfaces(MetaPathFinder, Loader):
         if name.startswith("__"):
             raise AttributeError(name)
         if kind == "srv":
-            parts = {part: messages._store_with(f"{package}/srv/{name}_{part}").types[f"{package}/srv/{name}_{part}"]
-                     for part in ("Request", "Response")}  # fmt: skip
-            request = parts["Request"]
-            return type(name, (), {"Request": request, "Response": staticmethod_class(parts["Response"])})
+            return service_class(f"{package}/srv/{name}")
+        if kind == "action":
+            inner = {
+                "SendGoalService": service_class(f"{package}/action/{name}_SendGoal"),
+                "GetResultService": service_class(f"{package}/action/{name}_GetResult"),
+                "FeedbackMessage": message_class(f"{package}/action/{name}_FeedbackMessage"),
+            }
+            return type(name, (), {"Impl": type(f"{name}_Impl", (), inner)})
         try:
-            return messages._store_with(f"{package}/{kind}/{name}").types[f"{package}/{kind}/{name}"]
+            return message_class(f"{package}/{kind}/{name}")
         except Exception as error:
             raise AttributeError(name) from error
+
+
+def message_class(type_name):
+    return messages._store_with(type_name).types[type_name]
+
+
+def service_class(type_name):
+    request, response = (message_class(f"{type_name}_{part}") for part in ("Request", "Response"))
+    return type(type_name.rpartition("/")[2], (), {"Request": request, "Response": staticmethod_class(response)})
 
 
 def staticmethod_class(response):

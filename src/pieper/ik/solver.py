@@ -207,7 +207,9 @@ class Solver:
         if doubts == 0 and missed == 0 and self._certain:
             arrays = *found[:8], _nothing_missed, position_tolerance, rotation_tolerance, names, free
             return IKSolutions(self.chain, *arrays)
-        T, seeds = np.array(target), None if seed is None else np.array(seed)
+        T, seeds = np.array(target), None
+        if seed is not None:
+            seeds = np.ascontiguousarray(np.broadcast_to(np.array(seed), (*T.shape[:-2], self.chain.dof)))
         find_nearest = functools.partial(self._nearest_of, T, seeds, restarts, threads)
         arrays = *found[:8], find_nearest, position_tolerance, rotation_tolerance, names, free
         answers = IKSolutions(self.chain, *arrays)
