@@ -181,8 +181,12 @@ class Caller(_TwoTopics):
 
     @property
     def ready(self) -> bool:
-        """Whether a server is matched in both directions."""
-        return self.writer.matched > 0 and self.reader.matched > 0
+        """Whether one server is matched in both directions."""
+        if not (self.writer.matched and self.reader.matched):
+            return False
+        hear = {_value(data, b"serviceid") for data in self.writer.matched_user_data()}
+        speak = {_value(data, b"serviceid") for data in self.reader.matched_user_data()}
+        return bool(hear & speak)
 
     def close(self) -> None:
         """Leave the network; requests without an answer stay so."""

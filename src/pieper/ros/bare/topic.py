@@ -210,6 +210,10 @@ class TopicReader(Endpoint):
         what = POLICIES.get(policy, f"policy {policy}")
         return f"{self.name}: a publisher offers another {what} than this node asks for, and is not heard"
 
+    def matched_user_data(self) -> list[bytes]:
+        """Return what the matched writers tell of themselves."""
+        return [] if self._dds is None else cyclone.user_data_of_writers(self._dds)
+
     def user_data_of(self, writer: int) -> bytes | None:
         """Return what a matched writer tells of itself; None if it is gone."""
         return None if self._dds is None else cyclone.user_data_of_writer(self._dds, writer)
