@@ -7,6 +7,7 @@ import pytest
 
 from pieper.errors import RosError
 from pieper.ros import messages
+from pieper.ros.bare import topic
 from pieper.ros.bare.topic import TopicWriter
 from pieper.ros.qos import DEFAULT, LATCHED, SENSOR, QoS
 from tests.ros.bare.peers import cdr, process, until, written
@@ -173,6 +174,14 @@ def test_bytes_that_are_not_the_type_are_refused_and_the_next_sample_arrives(joi
     writer.write(cdr(STRING, data="Hi"))
     assert until(lambda: heard, wire)
     assert messages.decode(STRING, heard[0]).data == "Hi"
+
+
+def test_a_sample_that_is_too_large_is_refused(join, monkeypatch):
+    monkeypatch.setattr(topic, "LARGEST_SAMPLE", 100)
+    writer = join().open_writer("/target", STRING, DEFAULT)
+    writer.write(cdr(STRING, data="x" * 80))
+    with pytest.raises(RosError, match="rt/target: a sample has at most 100 bytes, and this one has 109"):
+        writer.write(cdr(STRING, data="x" * 100))
 
 
 def test_closed_ends_are_silent_and_closing_twice_does_no_harm(join):

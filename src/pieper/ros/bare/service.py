@@ -9,6 +9,7 @@ from __future__ import annotations
 import secrets
 import struct
 import time
+from collections import deque
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -90,7 +91,7 @@ class Server(_TwoTopics):
         self.reader = TopicReader(*request, QUEUE, told, self._on_request)
         self._answer = answer
         self._known: dict[int, None] = {}
-        self._held: list[tuple[float, int, bytes]] = []
+        self._held: deque[tuple[float, int, bytes]] = deque(maxlen=QUEUE.depth)
 
     def open(self, participant: Participant) -> None:
         """Enter a participant."""
@@ -118,7 +119,8 @@ class Server(_TwoTopics):
 
     def send_held(self) -> None:
         """Send the responses whose clients can hear them by now, and those that have waited long enough."""
-        held, self._held = self._held, []
+        held = list(self._held)
+        self._held.clear()
         now = time.monotonic()
         for until, writer, reply in held:
             if now >= until or self._hears(writer):
