@@ -4,7 +4,7 @@ import pytest
 
 from pieper.ros import messages
 from pieper.ros.bare import service
-from pieper.ros.bare.topic import TopicWriter
+from pieper.ros.bare.topic import TopicReader, TopicWriter
 from pieper.ros.bare.type_support import describe
 from tests.ros.bare.peers import cdr, endpoints, process, until, written
 
@@ -119,8 +119,6 @@ def test_the_request_carries_sixteen_bytes_that_come_back(join):
     server.open_server("/enable", SET_BOOL, echo)
     end = caller.open_caller("/enable", SET_BOOL)
     for topic, part in (("rq/enableRequest", "Request"), ("rr/enableReply", "Response")):
-        from pieper.ros.bare.topic import TopicReader
-
         kind = describe(f"{SET_BOOL}_{part}", with_header=True)
         spy = TopicReader(topic, kind, service.QUEUE, "", lambda data, writer: seen.append(data))
         server._enter(spy)
@@ -150,11 +148,22 @@ class Client:
         self.writer.write(body[:4] + bytes(range(16)) + body[4:])
 
     def listen(self):
-        from pieper.ros.bare.topic import TopicReader
-
         kind = describe(f"{SET_BOOL}_Response", with_header=True)
         take = lambda data, writer: self.heard.append(data)  # noqa: E731
         self.wire._enter(TopicReader("rr/enableReply", kind, service.QUEUE, self.told, take))
+
+
+def test_half_of_one_server_and_half_of_another_are_none(join):
+    """As it is while one has died and the next one is being discovered."""
+    wire, other = join("caller"), join("servers")
+    caller = wire.open_caller("/enable", SET_BOOL)
+    asked, answers = (describe(f"{SET_BOOL}_{part}", with_header=True) for part in ("Request", "Response"))
+    other._enter(TopicReader("rq/enableRequest", asked, service.QUEUE, "serviceid=01;", lambda data, writer: None))
+    other._enter(TopicWriter("rr/enableReply", answers, service.QUEUE, "serviceid=02;"))
+    assert until(lambda: caller.writer.matched and caller.reader.matched, wire, other)
+    assert not caller.ready
+    other._enter(TopicWriter("rr/enableReply", answers, service.QUEUE, "serviceid=01;"))
+    assert until(lambda: caller.ready, wire, other)
 
 
 def test_a_response_waits_until_its_client_can_hear_it(join):

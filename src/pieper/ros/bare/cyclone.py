@@ -64,7 +64,8 @@ _refused_readers = _function(
 _refused_writers = _function(
     "dds_get_requested_incompatible_qos_status", _entity, c.POINTER(dds_c_t.requested_incompatible_qos_status)
 )
-_handles = _function("dds_get_matched_subscriptions", _entity, c.POINTER(c.c_uint64), c.c_size_t)
+_reader_handles = _function("dds_get_matched_subscriptions", _entity, c.POINTER(c.c_uint64), c.c_size_t)
+_writer_handles = _function("dds_get_matched_publications", _entity, c.POINTER(c.c_uint64), c.c_size_t)
 _reader_data = _function("dds_get_matched_subscription_data", _entity, c.c_uint64, result=c.POINTER(_Endpoint))
 _writer_data = _function("dds_get_matched_publication_data", _entity, c.c_uint64, result=c.POINTER(_Endpoint))
 _free_endpoint = _function("dds_builtintopic_free_endpoint", c.POINTER(_Endpoint), result=None)
@@ -109,9 +110,20 @@ def refused_writers(reader: Entity) -> int | None:
 
 def user_data_of_readers(writer: Entity) -> list[bytes]:
     """Return what the readers that a writer sends to tell of themselves."""
-    handles = (c.c_uint64 * matched_readers(writer))()
-    count = checked(_handles(writer._ref, handles, len(handles)), "listing subscribers") if len(handles) else 0
-    found = (_user_data(_reader_data(writer._ref, handle)) for handle in handles[: min(count, len(handles))])
+    return _user_data_of_all(writer, matched_readers(writer), _reader_handles, _reader_data)
+
+
+def user_data_of_writers(reader: Entity) -> list[bytes]:
+    """Return what the writers that a reader hears tell of themselves."""
+    return _user_data_of_all(reader, matched_writers(reader), _writer_handles, _writer_data)
+
+
+def _user_data_of_all(entity: Entity, most: int, list_handles: Any, get: Any) -> list[bytes]:
+    if most == 0:
+        return []
+    handles = (c.c_uint64 * most)()
+    count = checked(list_handles(entity._ref, handles, most), "listing matched endpoints")
+    found = (_user_data(get(entity._ref, handle)) for handle in handles[: min(count, most)])
     return [data for data in found if data is not None]
 
 

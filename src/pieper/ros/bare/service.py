@@ -9,6 +9,7 @@ from __future__ import annotations
 import secrets
 import struct
 import time
+from collections import deque
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -90,7 +91,7 @@ class Server(_TwoTopics):
         self.reader = TopicReader(*request, QUEUE, told, self._on_request)
         self._answer = answer
         self._known: dict[int, None] = {}
-        self._held: list[tuple[float, int, bytes]] = []
+        self._held: deque[tuple[float, int, bytes]] = deque(maxlen=QUEUE.depth)
 
     def open(self, participant: Participant) -> None:
         """Enter a participant."""
@@ -118,7 +119,8 @@ class Server(_TwoTopics):
 
     def send_held(self) -> None:
         """Send the responses whose clients can hear them by now, and those that have waited long enough."""
-        held, self._held = self._held, []
+        held = list(self._held)
+        self._held.clear()
         now = time.monotonic()
         for until, writer, reply in held:
             if now >= until or self._hears(writer):
@@ -181,8 +183,12 @@ class Caller(_TwoTopics):
 
     @property
     def ready(self) -> bool:
-        """Whether a server is matched in both directions."""
-        return self.writer.matched > 0 and self.reader.matched > 0
+        """Whether one server is matched in both directions."""
+        if not (self.writer.matched and self.reader.matched):
+            return False
+        hear = {_value(data, b"serviceid") for data in self.writer.matched_user_data()}
+        speak = {_value(data, b"serviceid") for data in self.reader.matched_user_data()}
+        return bool(hear & speak)
 
     def close(self) -> None:
         """Leave the network; requests without an answer stay so."""

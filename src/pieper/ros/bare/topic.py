@@ -15,6 +15,7 @@ from cyclonedds.sub import DataReader
 from pieper.errors import RosError
 from pieper.ros.bare import cyclone
 from pieper.ros.bare.endpoint import Endpoint
+from pieper.ros.bare.loopback import LARGEST_SAMPLE
 from pieper.ros.bare.participant import ANY
 from pieper.ros.bare.qos import POLICIES, reader_policies, writer_policies
 
@@ -78,11 +79,13 @@ class TopicWriter(Endpoint):
         Raises
         ------
         RosError
-            The bytes are not a sample of this type.
+            The bytes are not a sample of this type, or too many.
         """
+        if len(data) > LARGEST_SAMPLE:
+            raise RosError(f"{self.name}: a sample has at most {LARGEST_SAMPLE} bytes, and this one has {len(data)}")
+        self._send(data)
         if self._qos.transient_local:
             self._kept.append((time.monotonic() if math.isfinite(self._qos.lifespan) else math.inf, data))
-        self._send(data)
 
     def _send(self, data: bytes) -> None:
         if self._dds is None or self._participant is None:
@@ -209,6 +212,10 @@ class TopicReader(Endpoint):
             return None
         what = POLICIES.get(policy, f"policy {policy}")
         return f"{self.name}: a publisher offers another {what} than this node asks for, and is not heard"
+
+    def matched_user_data(self) -> list[bytes]:
+        """Return what the matched writers tell of themselves."""
+        return [] if self._dds is None else cyclone.user_data_of_writers(self._dds)
 
     def user_data_of(self, writer: int) -> bytes | None:
         """Return what a matched writer tells of itself; None if it is gone."""
