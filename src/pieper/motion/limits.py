@@ -169,6 +169,25 @@ class JointLimits:
             t, joint, value = broken
             raise MotionError(f"at {t:.6g} s of the trajectory: {self._velocity_words(joint, value)}")
 
+    def surely_hold(self, trajectory: Trajectory) -> bool:
+        """Whether a quick test shows that :meth:`check_trajectory` has nothing to say; False leaves it open.
+
+        The test bounds each polynomial, a few per cent too widely, and takes a hundredth of a millisecond. Planners use it.
+
+        Parameters
+        ----------
+        trajectory : Trajectory
+            Its columns in the order of the joints of the chain.
+        """
+        if len(trajectory.t) == 1:
+            return bool(((trajectory.q >= self.chain.limits[:, 0]) & (trajectory.q <= self.chain.limits[:, 1])).all())
+        lower, upper = self.chain.limits.T
+        for derivative, least_allowed, greatest_allowed in ((0, lower, upper), (1, -self.velocity, self.velocity)):
+            least, greatest = polynomial.bounds(trajectory.polynomials(derivative))
+            if (least < least_allowed).any() or (greatest > greatest_allowed).any():
+                return False
+        return True
+
     def _vector(self, values: ArrayLike, name: str) -> FloatArray:
         vector = as_joints(self.chain, values, name=name)
         if vector.ndim != 1:

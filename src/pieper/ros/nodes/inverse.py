@@ -341,7 +341,7 @@ class Inverse:
         limits = JointLimits.of(chain, max_velocity=np.maximum(_SLOWER_MOVING * fastest, some))
         zero = np.zeros(chain.dof)
         duration = max(move.duration, 2.0 * float(np.max(np.abs(place.dq) / limits.acceleration)))
-        for last in range(_LONGER_OFTEN + 1):
+        for _ in range(_LONGER_OFTEN):
             joined = Trajectory(
                 np.array([0.0, duration]),
                 np.stack([q, q_goal]),
@@ -349,14 +349,10 @@ class Inverse:
                 np.stack([place.ddq, zero]),
                 chain.joint_names,
             )
-            try:
-                limits.check_trajectory(joined)
-            except MotionError:
-                if last == _LONGER_OFTEN:
-                    raise
-                duration *= _LONGER
-            else:
-                break
+            if limits.surely_hold(joined):
+                return joined
+            duration *= _LONGER
+        limits.check_trajectory(joined)
         return joined
 
     # Runs
