@@ -17,19 +17,23 @@ PERIOD = 0.02
 """Seconds between two messages of the talker."""
 
 
-def victim(domain: int) -> None:
+def namespace(attacker: int) -> list[str]:
+    """Arguments for the nodes of one attacker, so that two attackers on a machine do not mistake each other's nodes."""
+    return ["--ros-args", "-r", f"__ns:=/attack{attacker}"]
+
+
+def victim(domain: int, attacker: int) -> None:
     """Run the node; it prints a line of JSON ten times a second, and ends when its standard input does."""
     from pieper.ros import open_bus
     from pieper.ros.bare import loopback
+    from pieper.ros.qos import SENSOR
 
-    bus = open_bus("victim", backend="bare", domain=domain)
+    bus = open_bus("victim", arguments=namespace(attacker), backend="bare", domain=domain)
     heard = {"reliable": 0, "sensor": 0}
 
     def hear(name: str, message: object) -> None:
         if getattr(message, "data", "").startswith("good"):
             heard[name] += 1
-
-    from pieper.ros.qos import SENSOR
 
     subscriptions = [
         bus.subscribe("reliable", "std_msgs/msg/String", lambda m: hear("reliable", m)),
@@ -67,7 +71,7 @@ class Victim:
     def __init__(self, domain: int) -> None:
         self.domain = domain
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "tests.ros.hostile", str(domain)],
+            [sys.executable, "-m", "tests.ros.hostile", str(domain), str(os.getpid())],
             cwd=ROOT,
             env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "src"), str(ROOT)])},
             stdin=subprocess.PIPE,
@@ -127,7 +131,7 @@ class Talker:
         from pieper.ros import open_bus
         from pieper.ros.qos import SENSOR
 
-        self.bus = open_bus("talker", backend="bare", domain=domain)
+        self.bus = open_bus("talker", arguments=namespace(os.getpid()), backend="bare", domain=domain)
         self.reliable = self.bus.publisher("reliable", "std_msgs/msg/String")
         self.sensor = self.bus.publisher("sensor", "std_msgs/msg/String", qos=SENSOR)
         self.joints = self.bus.publisher("joints", "sensor_msgs/msg/JointState")
@@ -166,4 +170,4 @@ class Talker:
 
 
 if __name__ == "__main__":
-    victim(int(sys.argv[1]))
+    victim(int(sys.argv[1]), int(sys.argv[2]))

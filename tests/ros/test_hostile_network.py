@@ -5,6 +5,7 @@ import random
 import socket
 import struct
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -24,7 +25,7 @@ from pieper.ros.bare import loopback, watchdog
 from tests.ros import rtps
 from tests.ros.hostile import Talker, Victim
 
-DOMAIN = 110 + os.getpid() % 90
+DOMAIN = 216 + os.getpid() % 15  # whose ports the kernel gives to nobody else
 MEMORY = (
     32.0  # MiB that a node may grow by: buffers of the interpreter and of Cyclone; an attack that is kept sends more
 )
@@ -106,7 +107,8 @@ def test_a_full_domain_says_so():
     try:
         for index in range(loopback.LAST_INDEX + 1):
             taken.append(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-            taken[-1].bind(("127.0.0.1", 7400 + 250 * (DOMAIN + 1) + 10 + 2 * index))
+            with suppress(OSError):  # taken already
+                taken[-1].bind(("127.0.0.1", 7400 + 250 * (DOMAIN + 1) + 10 + 2 * index))
         with pytest.raises(RosError, match=r"is full: all 120 participant indices.*another ROS_DOMAIN_ID"):
             loopback.open_domain(DOMAIN + 1)
     finally:
@@ -247,7 +249,7 @@ def test_one_forged_datagram_deafens_a_node_for_seconds_only(pair, kind):
     assert talker.hearing(victim, RECOVERY) is not None
     victim.send(rtps.message(prefix, rtps.info_destination(bytes.fromhex(victim.state["prefix"])), forged))
     assert talker.until(lambda: len(victim.deaf) > said, RECOVERY) is not None, "deaf and does not say so"
-    assert f"samples on rt/{topic} arrive and are thrown away" in victim.deaf[-1]
+    assert f"/{topic} arrive and are thrown away" in victim.deaf[-1]
     assert "participant rebuilt" in victim.deaf[-1]
     assert talker.hearing(victim, RECOVERY) is not None, "deaf after all"
 

@@ -283,7 +283,8 @@ def sockets() -> list[UdpSocket]:
 def receivers(domain: int) -> list[UdpSocket]:
     """List the sockets at which this process receives for a domain; empty where sockets cannot be listed."""
     try:
-        return [s for s in sockets() if 0 <= s.port - _port(domain, 0) <= 2 * LAST_INDEX + 1]
+        # the socket that sends has any port, at the address of its interface
+        return [s for s in sockets() if _of_domain(s, domain) and ipaddress.ip_address(s.address).is_unspecified]
     except RosError:
         return []
 

@@ -1,19 +1,20 @@
-"""Whether this process still hears what it should: three ways to go deaf in DDS, and what tells of each.
+"""Whether this process still hears what it should: two ways to go deaf in DDS, and what tells of each.
 
 *The receive thread stands still.* Then the same datagram stays at the head of a receive queue. `Watchdog` sends each queue a
 datagram of its own, so that there is one, and looks at the head.
 
-*A writer is taken for older than it is.* One forged datagram (a HEARTBEAT or GAP, or for best-effort readers a DATA, with a
+*A writer is taken to be further than it is.* One forged datagram (a HEARTBEAT or GAP, or for best-effort readers a DATA, with a
 sequence number far ahead, in the name of a writer) makes Cyclone throw away everything that the true writer sends from then on.
-The reader stays matched and the application hears nothing. Cyclone counts what it throws away: the count grows while a
+The reader stays matched and the application hears nothing. But Cyclone counts what it throws away: the count grows while a
 matched writer is silent.
 
-*An endpoint is forgotten.* A forged goodbye in the name of a participant or endpoint removes it, and endpoints are announced only
-once. ROS participants list their endpoints on ``ros_discovery_info``; one that is listed and not known was lost.
+Both are healed by closing the domain, opening it again and creating every entity anew: peers then see a new participant, and
+announce everything to it. To leave the domain open and make a new participant is not enough: Cyclone keeps what it knows of the
+writers for all participants of a process. A receive thread that stands still may hold up the closing for ever; then only a new
+process heals, and `loopback.close_domain` says so.
 
-All are healed by closing the domain, opening it again and creating every entity anew: peers then see a new participant, and
-announce everything to it. A receive thread that stands still may hold up the closing for ever; then only a new process heals, and
-`loopback.close_domain` says so.
+A forged goodbye in the name of a participant is healed by that participant's next announcement, within about eight seconds. A forged
+goodbye of one of its endpoints is not told from a true one.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from cyclonedds.internal import dds_c_t
 from pieper.ros.bare import loopback
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable
 
     from cyclonedds.domain import Domain
     from cyclonedds.sub import DataReader
@@ -46,11 +47,8 @@ LOST = 2
 FORGIVEN = 5.0, 600.0
 """Seconds without anything thrown away after which a suspicion ends, when some and when all writers are silent."""
 
-FORGOTTEN = 10.0
-"""Seconds that an endpoint may be listed without being known; usually both come within milliseconds."""
-
-PATIENCE = 2.0, 60.0
-"""Seconds from one alarm to the next, at first and at most: doubled by every alarm, and reset after as long a peace."""
+PATIENCE = 1.0, 8.0
+"""Seconds from one alarm to the next, at first and at most: doubled by every alarm, and reset after twice as long a peace."""
 
 
 @dataclass(eq=False)
@@ -119,9 +117,6 @@ class Watchdog:
     ----------
     number : int
         ``ROS_DOMAIN_ID``.
-    forgotten : callable, optional
-        Returns what ``ros_discovery_info`` lists and DDS does not know, in words for a message; what stays for
-        `FORGOTTEN` seconds is an alarm.
     clock : callable
         Seconds, monotonic.
 
@@ -147,29 +142,22 @@ class Watchdog:
                 return f"deaf: {reason}; participant rebuilt"
     """
 
-    def __init__(
-        self,
-        number: int,
-        *,
-        forgotten: Callable[[], Iterable[str]] | None = None,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
+    def __init__(self, number: int, *, clock: Callable[[], float] = time.monotonic) -> None:
         self._number = number
-        self._forgotten = forgotten
         self._clock = clock
         self._domain: Domain | None = None
         self._ears: list[Ear] = []
         self._queues: list[_Queue] = []
-        self._missing: dict[str, float] = {}
         self._knocks = 0
         self._knocker: socket.socket | None = None
+        self._since = clock()
         self._alarm = -PATIENCE[1]
         self._patience = PATIENCE[0]
 
     def start(self, domain: Domain) -> None:
         """Watch a domain, at first or after it was opened again."""
         self.stop()
-        self._domain = domain
+        self._domain, self._since = domain, self._clock()
         self._knocker = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._knocker.bind(("127.0.0.1", 0))
         self._knocker.setblocking(False)
@@ -179,7 +167,6 @@ class Watchdog:
         """Let go of sockets and readers; to be called before the domain is closed."""
         self._domain = None
         self._ears.clear()
-        self._missing.clear()
         if self._knocker is not None:
             self._knocker.close()
             self._knocker = None
@@ -212,12 +199,15 @@ class Watchdog:
             return None
         reason = self._look(self._domain)
         now = self._clock()
-        if reason is None or now - self._alarm < self._patience:
+        if reason is None:
+            self._since = now
+            return None
+        if now - self._alarm < self._patience:
             return None
         quiet = now - self._alarm > 2 * PATIENCE[1]
         self._patience = PATIENCE[0] if quiet else min(2 * self._patience, PATIENCE[1])
         self._alarm = now
-        return reason
+        return f"{reason}; for {now - self._since:.1f} s or longer"
 
     def _look(self, domain: Domain) -> str | None:
         if not loopback.is_open(domain, self._number):
@@ -229,7 +219,7 @@ class Watchdog:
             return f"nothing is taken from the receive queue of UDP port {still[0].port}"
         if lost:
             return f"samples on {lost[0].name} arrive and are thrown away as older than what their writer is said to have sent"
-        return self._endpoint_forgotten()
+        return None
 
     def _knock(self) -> None:
         """Send each receive queue a valid RTPS message that says nothing: a header and a PAD [RTPS 2.5, section 9.4.5.12]."""
@@ -242,16 +232,6 @@ class Watchdog:
         for queue in self._queues:
             with suppress(OSError):  # no room, no route: then nothing new stands at the head, and that is all
                 self._knocker.sendto(message, (queue.address, queue.port))
-
-    def _endpoint_forgotten(self) -> str | None:
-        if self._forgotten is None:
-            return None
-        now = self._clock()
-        self._missing = {what: self._missing.get(what, now) for what in self._forgotten()}
-        for what, since in self._missing.items():
-            if now - since > FORGOTTEN:
-                return f"{what} is listed by its node but not known to DDS"
-        return None
 
 
 class _Queue:
