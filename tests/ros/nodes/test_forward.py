@@ -13,12 +13,13 @@ from hypothesis import strategies as st
 import pieper
 from pieper.errors import ArrayError, RosError
 from pieper.kinematics.fk import fk
-from pieper.model.dh import forward_kinematics
 from pieper.model import catalog
+from pieper.model.dh import forward_kinematics
 from pieper.ros.fake import FakeNetwork
 from pieper.ros.nodes import forward
 from pieper.ros.nodes.forward import Forward, node_name
 from pieper.ros.qos import LATCHED
+from pieper.spatial.rotation import as_quaternion
 from tests.robots import ROBOTS
 from tests.ros.networks import Network
 from tests.ros.nodes.users import MANY, POSE, User, as_matrix, frames_of, pose_in
@@ -93,7 +94,7 @@ def test_b4_name_and_first_line(network):
 
 
 def test_b4_a_queue_of_ten(fake):
-    node, user = running(fake, pieper.load("mh12"))
+    _, user = running(fake, pieper.load("mh12"))
     poses = user.hears("pose", POSE)
     for i in range(25):
         user.joint_states(MH12_NAMES, Q, header={"stamp": {"sec": i + 1}})
@@ -147,14 +148,16 @@ def test_b6_lines(network):
     user.joint_states(MH12_NAMES, q)
     assert network.until(lambda: len(user.log("poe_mh12_node")) == 3)
     T = arm.fk(q)
-    x, y, z, w = pieper.spatial.rotation.as_quaternion(T[:3, :3])
+    (x, y, z), (qx, qy, qz, qw) = T[:3, 3], as_quaternion(T[:3, :3])
     assert user.log("poe_mh12_node")[1:] == [
-        "Posición: x=%.6f, y=%.6f, z=%.6f" % tuple(T[:3, 3]),
-        f"Cuaternión: x={x:.6f} y={y:.6f} z={z:.6f} w={w:.6f}",
+        f"Posición: x={x:.6f}, y={y:.6f}, z={z:.6f}",
+        f"Cuaternión: x={qx:.6f} y={qy:.6f} z={qz:.6f} w={qw:.6f}",
     ]
 
 
-@pytest.mark.parametrize("theta", [case["theta"] for case in FIGURE_2["solutions_seed_constants"]], ids=["one", "other"])
+@pytest.mark.parametrize(
+    "theta", [case["theta"] for case in FIGURE_2["solutions_seed_constants"]], ids=["one", "other"]
+)
 def test_b16_the_printed_pose_of_figure_2(network, theta):
     _, user = running(network, pieper.load("mh12-report"), "--ros-args", "-p", "print_every:=0.0")
     t1, t2, t3, t4, t5 = theta
@@ -231,7 +234,9 @@ MALFORMED = [
 ]
 
 
-@pytest.mark.parametrize(("names", "position", "reason"), MALFORMED, ids=lambda v: v[:60] if isinstance(v, str) else None)
+@pytest.mark.parametrize(
+    ("names", "position", "reason"), MALFORMED, ids=lambda v: v[:60] if isinstance(v, str) else None
+)
 def test_b9_a_message_that_cannot_be_used(network, names, position, reason):
     arm = pieper.load("mh12")
     _, user = running(network, arm)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from pieper.arm import Arm, load
 from pieper.errors import DescriptionError, PieperError, PieperWarning, RosError, UrdfError
 from pieper.model.urdf import as_urdf, from_urdf
+from pieper.model.xacro import is_xacro
 from pieper.ros.nodes.complaints import Complaints
 from pieper.ros.qos import DEFAULT, LATCHED
 
@@ -121,7 +122,7 @@ def urdf_text(robot: Arm | str | os.PathLike[str]) -> str:
     """
     arm = robot if isinstance(robot, Arm) else load(robot)
     if not isinstance(robot, Arm):
-        if isinstance(robot, str) and _is_xml(robot) and "xacro" not in robot:
+        if isinstance(robot, str) and _is_xml(robot) and not is_xacro(robot):
             return robot
         if Path(robot).suffix == ".urdf":
             return Path(robot).read_text(encoding="utf-8")
@@ -186,6 +187,10 @@ def arm_from_text(text: str, *, source: str, base: str | None = None, tip: str |
     """
     if not _is_xml(text):
         raise UrdfError(source, "document", f"is not a URDF, which starts with <: it starts with {text[:40]!r}")
+    if is_xacro(text):
+        raise UrdfError(
+            source, "document", "is xacro, which can run programs and is not expanded here; publish the URDF"
+        )
     try:
         description = from_urdf(text, source=source)
         return Arm(description.chain(base, tip), description)

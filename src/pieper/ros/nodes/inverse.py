@@ -440,7 +440,8 @@ class Inverse:
         if not isinstance(run, _Motion):
             return
         t = (self._bus.now() - run.began) * 1e-9
-        self._show(_Place(*run.trajectory.sample(max(0.0, t))))
+        q, dq, ddq = run.trajectory.sample(max(0.0, t))
+        self._show(_Place(np.clip(q, *self._arm.limits.T), dq, ddq))  # clip: what rounding adds
         if t >= run.trajectory.duration:
             self._end()
             self._bus.log("info", f"Published joint angles: {self._angles(self._place.q)}")
