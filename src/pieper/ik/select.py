@@ -221,11 +221,13 @@ def along(answers: IKSolutions, q: ArrayLike) -> FloatArray:
     lowest, highest = np.where(none_inside, -np.inf, lowest), np.where(none_inside, np.inf, highest)
     turning = periodic_joints(chain)
     lowest[..., ~turning], highest[..., ~turning] = 0.0, 0.0
-    for i in np.flatnonzero(usable.any(axis=-1)):  # a few operations on (k, n): the choice depends on the one before
-        turns = np.minimum(np.maximum(np.rint((here - values[i]) / _TURN), lowest[i]), highest[i])
-        copies = values[i] + _TURN * turns
-        apart = copies - here
-        here = chosen[i] = copies[np.argmin((apart * apart).sum(axis=-1) + penalty[i])]
+    in_turns, weights = values / _TURN, np.ones(chain.dof)
+    for i in np.flatnonzero(usable.any(axis=-1)):  # few operations, on (k, n): the choice depends on the one before
+        wanted = here / _TURN - in_turns[i]
+        turns = np.minimum(np.maximum(np.rint(wanted), lowest[i]), highest[i])
+        apart = turns - wanted
+        best = ((apart * apart) @ weights + penalty[i]).argmin()
+        here = chosen[i] = values[i, best] + _TURN * turns[best]
     return chosen
 
 

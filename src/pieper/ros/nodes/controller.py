@@ -166,7 +166,8 @@ class Controller:
         try:
             command()
         except PieperError as error:
-            self._complaints.say("warn", f"{topic}: refused: {error}")
+            reason = error.reason if isinstance(error, TrajectoryError) else error
+            self._complaints.say("warn", f"{topic}: refused: {reason}")
 
     def _too_soon(self) -> bool:
         period = 1e9 / self._most_commands.value
@@ -182,6 +183,9 @@ class Controller:
                 raise TrajectoryError(
                     INVALID_GOAL, f"{len(names)} joints are named, and there are {count} values of {field}"
                 )
+        for name, value in zip(names, message.position, strict=True):
+            if not np.isfinite(value):
+                raise TrajectoryError(INVALID_GOAL, f"the position of joint {name!r} must be finite, got {value}")
         self.robot.command(dict(zip(names, message.position.tolist(), strict=True)))
         self._replace("a command on set_joint_states took its place")
 
