@@ -184,3 +184,23 @@ native_tests() {
   step "compiling the native tests" cmake --build build/native-tests
   ctest --test-dir build/native-tests/native --output-on-failure
 }
+
+# The bus on a real rclpy, in an environment of its own on top of this one: where rclpy is, every node would take it.
+rclpy_tests() {
+  local other=$root/build/rclpy
+  "$python" -c 'import platform, sys; sys.exit((platform.system(), platform.machine()) != ("Linux", "x86_64") or sys.version_info >= (3, 14))' || {
+    say "   skipped: rclpy comes as a package for Linux on x86-64 and Python 3.10 to 3.13"
+    return
+  }
+  once rclpy "$(sha256sum <pyproject.toml) $identity" "installing rclpy" install_rclpy "$other"
+  "$other/bin/python" -m pytest -q tests/ros/test_bus_contract.py tests/ros/test_rclpy_peer.py
+}
+
+install_rclpy() {
+  rm -rf "$1"
+  "$python" -m venv "$1"
+  local folder='import sysconfig; print(sysconfig.get_path("purelib"))'
+  printf 'import site; site.addsitedir("%s")\n' "$("$python" -c "$folder")" >"$("$1/bin/python" -c "$folder")/pieper.pth"
+  "$1/bin/python" -m pip install --upgrade 'pip>=25.1'
+  "$1/bin/python" -m pip install --group rclpy
+}
