@@ -343,19 +343,34 @@ def _maker(type_name: str) -> Callable[[Any, dict[str, Any]], Any]:
     build = _store_with(type_name).types[type_name]
     converters = {name: _converter(desc, f"{type_name}.{name}") for name, desc in _fielddefs(type_name)}
     defaults = {name: _DEFAULTS.get(type_name, {}).get(name, _ABSENT) for name in converters}
-    padding = {_EMPTY: 0} if _EMPTY in dict(_store().fielddefs[type_name][1]) else {}
+    recipe = []  # of each field: its name, what converts a value, and the default where all messages can share it
+    for name, convert in converters.items():
+        default = convert(defaults[name])
+        if isinstance(default, np.ndarray):
+            default.setflags(write=False)
+        elif not isinstance(default, bool | int | float | str):
+            default = _ABSENT
+        recipe.append((name, convert, default))
+    padding = (0,) if _EMPTY in dict(_store().fielddefs[type_name][1]) else ()
 
-    def make(message: Any, fields: dict[str, Any]) -> Any:
+    def make(message: Any, fields: Any) -> Any:
         if message is not None:
             if not fields and getattr(message, "__msgtype__", None) == type_name:
                 return message
             given = message if hasattr(message, "keys") else _attributes(message, converters, type_name)
-            fields = {**given, **fields}
-        values = {name: convert(fields.get(name, defaults[name])) for name, convert in converters.items()}
-        if not fields.keys() <= converters.keys():
+            fields = {**given, **fields} if fields else given
+        used = 0
+        values: list[Any] = []
+        for name, convert, default in recipe:
+            if name in fields:
+                used += 1
+                values.append(convert(fields[name]))
+            else:
+                values.append(convert(_ABSENT) if default is _ABSENT else default)
+        if used != len(fields):
             odd = next(name for name in fields if name not in converters)
             raise RosError(f"{type_name} has no field {odd!r}; its fields are: {', '.join(converters) or 'none'}")
-        return build(**values, **padding)
+        return build(*values, *padding)
 
     return make
 
