@@ -91,7 +91,8 @@ class Controller:
         self._following: _Following | None = None
         self._waiting: tuple[str, Callable[[], None]] | None = None
         self._time = bus.now()
-        self._taken: int | None = None  # when the last command was
+        self._taken: int | None = None  # when the last command came that was looked at,
+        self._last_goal: int | None = None  # and the last goal
         self._told_of_rate = False
         rate = bus.parameter(
             "rate", 100.0, description="joint states in a second", check=_within(1.0, 1000.0), read_only=True
@@ -151,7 +152,7 @@ class Controller:
 
     def _take(self, topic: str, command: Callable[[], None]) -> None:
         """Carry out a command now, or keep it as the newest if they come too fast."""
-        if self._too_soon():
+        if self._too_soon(self._taken):
             self._waiting = topic, command
             if not self._told_of_rate:
                 self._told_of_rate = True
@@ -169,9 +170,8 @@ class Controller:
             reason = error.reason if isinstance(error, TrajectoryError) else error
             self._complaints.say("warn", f"{topic}: refused: {reason}")
 
-    def _too_soon(self) -> bool:
-        period = 1e9 / self._most_commands.value
-        return self._taken is not None and bool(0 <= self._bus.now() - self._taken < period)
+    def _too_soon(self, last: int | None) -> bool:
+        return last is not None and bool(0 <= self._bus.now() - last < 1e9 / self._most_commands.value)
 
     def _command(self, message: Any) -> None:
         """Send joints to positions; those that are not named stay."""
@@ -238,9 +238,9 @@ class Controller:
     # The action
 
     def _on_goal(self, goal: Goal) -> str | None:
-        if self._too_soon():
-            return f"goals and commands come faster than max_commands_per_second = {self._most_commands.value:g}"
-        self._taken = self._bus.now()
+        if self._too_soon(self._last_goal):
+            return f"goals come faster than max_commands_per_second = {self._most_commands.value:g}"
+        self._last_goal = self._bus.now()
         self._advance()
         try:
             following = self._begin(goal)
@@ -300,7 +300,7 @@ class Controller:
 
     def _tick(self) -> None:
         self._advance()
-        if self._waiting is not None and not self._too_soon():
+        if self._waiting is not None and not self._too_soon(self._taken):
             self._take(*self._waiting)
         state = self.robot.read()
         self._joint_states.send(
