@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -104,7 +105,7 @@ def test_C7_the_lines_of_the_report(kr210):
     assert kr210.bus.lines[1] == "Ready to receive an IK request"
     kr210.bus.lines.clear()
     (point,) = kr210.ask("calculate_ik", poses=[pose([2.2, 0.9, 0.811])]).points
-    assert kr210.bus.lines == ["Received 1 eef-poses from the plan", "length of Joint Trajectory List: 1"]
+    assert kr210.bus.lines[:2] == ["Received 1 eef-poses from the plan", "length of Joint Trajectory List: 1"]
     assert point.positions.shape == (6,)
     for field in ("velocities", "accelerations", "effort"):
         assert not getattr(point, field).size
@@ -275,6 +276,7 @@ def test_C12_a_plan_of_a_thousand_poses(kr210):
     kr210.stands_at(q[0])
     Ts = arm.fk(q)
     assert off(arm, np.array(kr210.plan(Ts)), Ts) <= EXACT
+    assert re.fullmatch(r"Solved in \d+\.\d{3} ms, \d+\.\d us per pose", kr210.bus.lines[-1])
 
 
 def test_joint_states_of_others_are_passed_over(kr210):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -89,6 +90,10 @@ class IkServer:
         self._group = bus.parameter("group", "", description="group name that compute_ik insists on; any, if empty")
         self._here = np.clip(np.zeros(arm.dof), *arm.limits.T)
         self._heard = False
+        arm.ik(
+            arm.fk(self._here)[None], self._here
+        )  # what is made when first needed is made now, not in the first request
+        rotation.from_quaternion([0.0, 0.0, 0.0, 1.0])
         bus.subscribe("joint_states", "sensor_msgs/msg/JointState", self._on_joint_states, qos=SENSOR)
         bus.serve("calculate_ik", "pieper_interfaces/srv/CalculateIK", self._calculate_ik)
         bus.serve("calculate_ik_branches", "pieper_interfaces/srv/CalculateIKBranches", self._calculate_branches)
@@ -108,10 +113,13 @@ class IkServer:
         if len(poses) > self._most.value:
             self._bus.log("warn", f"refused: {len(poses)} poses, and max_poses is {self._most.value}")
             return {"points": []}
+        began = time.perf_counter()
         q, reasons = self._solve(poses)
+        took = time.perf_counter() - began
         if reasons:
             self._bus.log("warn", f"{len(reasons)} of {len(poses)} poses have no point: {self._told(reasons)}")
         self._bus.log("info", f"length of Joint Trajectory List: {len(q)}")
+        self._bus.log("info", f"Solved in {1e3 * took:.3f} ms, {1e6 * took / len(poses):.1f} us per pose")
         return {"points": [{} if np.isnan(values[0]) else {"positions": values} for values in q]}
 
     def _calculate_branches(self, request: Any) -> dict[str, Any]:

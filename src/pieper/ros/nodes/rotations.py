@@ -40,6 +40,9 @@ class Rotations:
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus
+        rotation.as_rotation_vector(
+            rotation.from_quaternion([0.0, 0.0, 0.0, 1.0])
+        )  # loads what it needs now, not when asked
         bus.serve("quat2rodrigues", "pieper_interfaces/srv/QuatToRodrigues", self._convert_quat2rodrigues)
         bus.serve("quat2zyx", "pieper_interfaces/srv/QuatToZYX", self._convert_quat2zyx)
         bus.log("info", "Ready to convert quaternions: quat2rodrigues, quat2zyx")
