@@ -146,6 +146,17 @@ def test_C7_whole_turns_are_not_lost():
     np.testing.assert_allclose(np.array(served.plan(served.arm.fk(q))), q, atol=1e-8)
 
 
+def test_seven_joints_follow_a_path_without_jumps():
+    served = Served("iiwa14")
+    arm = served.arm
+    q = np.linspace([0.1, 0.4, -0.2, -1.2, 0.3, 0.9, 0.2], [0.5, 0.6, 0.1, -1.5, -0.2, 0.6, 0.2], 100)
+    served.stands_at(q[0])
+    got = np.array(served.plan(arm.fk(q)))
+    np.testing.assert_allclose(got, q, atol=1e-8)  # joint 7 is the one that is held, and does not move here
+    far = arm.fk(np.linspace(q[0], [-1.0, 0.4, -0.9, -1.9, 1.5, -0.9, 2.0], 30))
+    assert off(arm, np.array(served.plan(far)), far) <= EXACT
+
+
 ANGLES = st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6)
 
 

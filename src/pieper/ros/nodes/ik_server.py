@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pieper.errors import RosError, unknown_name
-from pieper.ik import select
+from pieper.ik import redundancy, select
 from pieper.ros import messages
 from pieper.ros.qos import SENSOR
 from pieper.spatial import pose, rotation
@@ -143,11 +143,19 @@ class IkServer:
         good = np.array([i for i in range(len(poses)) if i not in malformed], dtype=int)
         if good.size:
             Ts = Ts[good] @ self._from_frame(self._frame)
-            answers = select.within_limits(self._arm.ik(Ts, self._here))
-            q[good] = select.along(answers, self._here)
-            for row in np.flatnonzero(~answers.valid.any(axis=-1)):
+            q[good] = self._along(Ts, self._here)
+            for row in np.flatnonzero(np.isnan(q[good, 0])):
                 reasons[int(good[row])] = Ts[row]
         return q, reasons
+
+    def _along(self, Ts: FloatArray, here: FloatArray) -> FloatArray:
+        """Joint values (m, n) for poses in sequence, NaN where there are none within the limits."""
+        if self._arm.ik_info.method == "redundancy":  # one joint held where it is, if that goes: a path without jumps
+            held = here[[redundancy.prepare(self._arm.chain).joint]]
+            q = select.along(select.within_limits(self._arm.ik(Ts, here, redundancy=held)), here)
+            if not np.isnan(q).any():
+                return q
+        return select.along(select.within_limits(self._arm.ik(Ts, here)), here)
 
     def _told(self, reasons: dict[int, str | FloatArray]) -> str:
         """The first few reasons in words."""
@@ -191,8 +199,7 @@ class IkServer:
         if reason:
             raise _MoveItError(NO_IK_SOLUTION, reason)
         T = self._base(request.pose_stamped.header.frame_id).home @ T
-        answers = select.within_limits(self._arm.ik(T, seed))
-        q = select.nearest(answers, seed)
+        q: FloatArray = self._along(T[None], seed)[0]
         if np.isnan(q).any():
             raise _MoveItError(NO_IK_SOLUTION, self._arm.ik(T).reason)
         return q
