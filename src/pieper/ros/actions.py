@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 from pieper.errors import RosError
 from pieper.ros import messages
 from pieper.ros.bus import Bus, Reply
+from pieper.ros.nodes.complaints import Complaints
 from pieper.ros.qos import LATCHED
 
 if TYPE_CHECKING:
@@ -187,6 +188,7 @@ class ActionServer:
     ) -> None:
         self.name, self.type = bus.resolve(name), type_name
         self._bus, self._on_goal, self._on_cancel = bus, on_goal, on_cancel
+        self._complaints = Complaints(bus)
         self._goals: dict[bytes, Goal] = {}
         hidden = f"{self.name}/_action"
         self._feedback = bus.publisher(f"{hidden}/feedback", f"{type_name}_FeedbackMessage")
@@ -221,7 +223,7 @@ class ActionServer:
                 raise
         accepted = goal.status is not GoalStatus.unknown
         if not accepted:
-            self._bus.log("warn", f"{self.name}: goal rejected: {reason or 'the server gives no reason'}")
+            self._complaints.say("warn", f"{self.name}: goal rejected: {reason or 'the server gives no reason'}")
         return {"accepted": accepted, "stamp": _time(goal.stamp)}
 
     def _cancel(self, request: Any) -> dict[str, Any]:
@@ -261,7 +263,7 @@ class ActionServer:
         if goal.status.is_final:
             return goal._outcome()
         if len(goal._waiting) >= MOST_WAITING:
-            self._bus.log(
+            self._complaints.say(
                 "warn", f"{self.name}: {MOST_WAITING} requests wait for the result of one goal; no more are kept"
             )
             return {"status": int(GoalStatus.unknown)}

@@ -246,7 +246,7 @@ class Controller:
             following = self._begin(goal)
         except TrajectoryError as error:
             if self._explain.value:
-                self._bus.log("warn", f"goal accepted to tell why it is refused: {error}")
+                self._complaints.say("warn", f"goal accepted to tell why it is refused: {error}")
                 goal.accept()
                 goal.abort(error_code=error.code, error_string=error.reason)
             return str(error)

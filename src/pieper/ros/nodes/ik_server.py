@@ -10,6 +10,7 @@ import numpy as np
 from pieper.errors import RosError, unknown_name
 from pieper.ik import redundancy, select
 from pieper.ros import messages
+from pieper.ros.nodes.complaints import Complaints
 from pieper.ros.qos import SENSOR
 from pieper.spatial import pose, rotation
 
@@ -73,7 +74,7 @@ class IkServer:
     """
 
     def __init__(self, bus: Bus, arm: Arm) -> None:
-        self._bus, self._arm = bus, arm
+        self._bus, self._arm, self._complaints = bus, arm, Complaints(bus)
         chain = arm.chain
         tips = [frame for frame in chain.frames if frame.after == len(chain.screws)]
         self._tips = {frame.name: frame for frame in tips}
@@ -107,17 +108,19 @@ class IkServer:
     def _calculate_ik(self, request: Any) -> dict[str, Any]:
         poses = request.poses
         if not poses:
-            self._bus.log("warn", "No valid poses received")
+            self._complaints.say("warn", "No valid poses received")
             return {"points": []}
         self._bus.log("info", f"Received {len(poses)} eef-poses from the plan")
         if len(poses) > self._most.value:
-            self._bus.log("warn", f"refused: {len(poses)} poses, and max_poses is {self._most.value}")
+            self._complaints.say("warn", f"refused: {len(poses)} poses, and max_poses is {self._most.value}")
             return {"points": []}
         began = time.perf_counter()
         q, reasons = self._solve(poses)
         took = time.perf_counter() - began
         if reasons:
-            self._bus.log("warn", f"{len(reasons)} of {len(poses)} poses have no point: {self._told(reasons)}")
+            self._complaints.say(
+                "warn", f"poses without a point: {len(reasons)} of {len(poses)}: {self._told(reasons)}"
+            )
         self._bus.log("info", f"length of Joint Trajectory List: {len(q)}")
         self._bus.log("info", f"Solved in {1e3 * took:.3f} ms, {1e6 * took / len(poses):.1f} us per pose")
         return {"points": [{} if np.isnan(values[0]) else {"positions": values} for values in q]}
@@ -132,7 +135,7 @@ class IkServer:
                     "labels": list(answers.labels[answers.valid]),
                 }
             reason = self._arm.ik(T, self._here).reason
-        self._bus.log("warn", f"calculate_ik_branches: {reason}")
+        self._complaints.say("warn", f"calculate_ik_branches: {reason}")
         return {}
 
     def _solve(self, poses: Sequence[Any]) -> tuple[FloatArray, dict[int, str | FloatArray]]:
@@ -169,7 +172,7 @@ class IkServer:
         try:
             q = self._position_ik(request.ik_request)
         except _MoveItError as error:
-            self._bus.log("warn", f"compute_ik: {error}")
+            self._complaints.say("warn", f"compute_ik: {error}")
             return {"error_code": self._failure(error)}
         return {"solution": {"joint_state": self._joint_state(q)}, "error_code": {"val": SUCCESS}}
 
@@ -219,7 +222,7 @@ class IkServer:
             T_base_header = self._base(frame).home
             q = self._state(request.robot_state.joint_state, limits=False)
         except _MoveItError as error:
-            self._bus.log("warn", f"compute_fk: {error}")
+            self._complaints.say("warn", f"compute_fk: {error}")
             return {"error_code": self._failure(error)}
         Ts = np.linalg.inv(T_base_header) @ self._arm.fk_frames(q, frames=links)
         header = {"stamp": self._bus.stamp(), "frame_id": frame}

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pieper.errors import ArrayError
+from pieper.ros.nodes.complaints import Complaints
 from pieper.spatial import rotation
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ class Rotations:
     """
 
     def __init__(self, bus: Bus) -> None:
-        self._bus = bus
+        self._complaints = Complaints(bus)
         rotation.as_rotation_vector(
             rotation.from_quaternion([0.0, 0.0, 0.0, 1.0])
         )  # loads what it needs now, not when asked
@@ -58,5 +59,5 @@ class Rotations:
         try:
             values = convert(rotation.from_quaternion([q.x, q.y, q.z, q.w]))
         except ArrayError as error:
-            self._bus.log("warn", f"{service}: refused: {error}")
+            self._complaints.say("warn", f"{service}: refused: {error}")
         return {name: {"data": value + 0.0} for name, value in zip(names, values, strict=True)}
