@@ -24,7 +24,6 @@ from typing import TYPE_CHECKING, Any
 from pieper.errors import RosError
 from pieper.ros import messages
 from pieper.ros.bus import Bus, Reply
-from pieper.ros.nodes.complaints import Complaints
 from pieper.ros.qos import LATCHED
 
 if TYPE_CHECKING:
@@ -156,6 +155,8 @@ class ActionServer:
     on_cancel : callable, optional
         ``on_cancel(goal)`` says whether the goal will be cancelled; it may call ``goal.cancel()`` at once. Without it nothing can be
         cancelled.
+    say : callable, optional
+        ``say(level, text)`` for what is wrong with requests, where `Bus.log` would say too much.
 
     Attributes
     ----------
@@ -185,10 +186,11 @@ class ActionServer:
         *,
         on_goal: Callable[[Goal], str | None],
         on_cancel: Callable[[Goal], bool] | None = None,
+        say: Callable[[str, str], None] | None = None,
     ) -> None:
         self.name, self.type = bus.resolve(name), type_name
         self._bus, self._on_goal, self._on_cancel = bus, on_goal, on_cancel
-        self._complaints = Complaints(bus)
+        self._say = say or bus.log
         self._goals: dict[bytes, Goal] = {}
         hidden = f"{self.name}/_action"
         self._feedback = bus.publisher(f"{hidden}/feedback", f"{type_name}_FeedbackMessage")
@@ -223,7 +225,7 @@ class ActionServer:
                 raise
         accepted = goal.status is not GoalStatus.unknown
         if not accepted:
-            self._complaints.say("warn", f"{self.name}: goal rejected: {reason or 'the server gives no reason'}")
+            self._say("warn", f"{self.name}: goal rejected: {reason or 'the server gives no reason'}")
         return {"accepted": accepted, "stamp": _time(goal.stamp)}
 
     def _cancel(self, request: Any) -> dict[str, Any]:
@@ -263,9 +265,7 @@ class ActionServer:
         if goal.status.is_final:
             return goal._outcome()
         if len(goal._waiting) >= MOST_WAITING:
-            self._complaints.say(
-                "warn", f"{self.name}: {MOST_WAITING} requests wait for the result of one goal; no more are kept"
-            )
+            self._say("warn", f"{self.name}: {MOST_WAITING} requests wait for the result of one goal; no more are kept")
             return {"status": int(GoalStatus.unknown)}
         goal._waiting.append(Reply())
         return goal._waiting[-1]

@@ -215,6 +215,12 @@ def test_a_flood_of_nonsense_is_a_line_a_second(cell):
     assert lines[1].endswith("(and 99 more like it)")
 
 
+def test_a_flood_of_goals_that_are_refused_is_a_line_a_second(cell):
+    for _ in range(300):
+        cell.goal(moves(MH12), 0.01)
+    assert sum("goal rejected" in line for line in cell.bus.lines) == 3
+
+
 def test_commands_faster_than_the_limit():
     cell = Cell("mh12", "max_commands_per_second:=10.0")
     taken = []

@@ -138,6 +138,7 @@ class Controller:
             FOLLOW_JOINT_TRAJECTORY,
             on_goal=self._on_goal,
             on_cancel=self._on_cancel,
+            say=self._complaints.say,
         )
         bus.timer(1.0 / rate.value, self._tick)
         bus.log("info", f"Ready to move {', '.join(robot.joint_names)}")
