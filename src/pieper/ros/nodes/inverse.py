@@ -390,7 +390,10 @@ class Inverse:
         tolerance = self._tolerance.value
         if (parts > tolerance).any():
             left = " and ".join(f"{part:.6f} {unit}" for part, unit in zip(parts, ("m", "rad"), strict=False))
-            self._refuse(f"not reached: {left} left after {run.last.iteration} iterations; {tolerance:g} is allowed")
+            self._bus.log(
+                "warn",
+                f"target not reached: {left} left after {run.last.iteration} iterations; {tolerance:g} is allowed",
+            )
             return
         lower, upper = self._arm.limits.T
         outside = [name for name, out in zip(self._arm.joint_names, (q < lower) | (q > upper), strict=True) if out]
