@@ -8,16 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import pieper
 from pieper.errors import RosError
 from pieper.kinematics.fk import fk
+from pieper.ros.fake import FakeNetwork
 from pieper.ros.nodes.controller import Controller
 from pieper.ros.nodes.inverse import Inverse, node_name
 from pieper.sim.kinematic import KinematicSimulator
 from pieper.spatial import rotation
 from tests.ros.networks import Network
-from tests.ros.nodes.users import JOINT_STATE, POINT, User
+from tests.ros.nodes.users import JOINT_STATE, MANY, POINT, POSE, User
 
 GOLDEN = Path(__file__).parents[2] / "golden"
 REPLAY = yaml.safe_load((GOLDEN / "mh12_seed.yaml").read_text())["position_ik_replay"]
@@ -303,8 +306,9 @@ def test_speed_is_a_fraction_of_the_velocity_limits(fake, mh12):
 
 REFUSED = [
     ((9.0, 0.0, 0.0), r"target refused: out of reach by \d\.\d+ m"),
-    ((np.nan, 0.0, 0.3), r"target refused: the target must be finite, got x=nan, y=0.000, z=0.300"),
-    ((0.1, np.inf, 0.3), r"target refused: the target must be finite, got x=0.100, y=inf, z=0.300"),
+    ((np.nan, 0.0, 0.3), r"target refused: the target must be finite and within 1e\+06 m, got x=nan, y=0.000, z=0.300"),
+    ((0.1, -1e7, 0.3), r"target refused: the target must be finite and within 1e\+06 m, got x=0.100, y=-10000000.000"),
+    ((0.1, np.inf, 0.3), r"target refused: the target must be finite and within 1e\+06 m, got x=0.100, y=inf, z=0.300"),
 ]
 
 
@@ -619,6 +623,47 @@ def test_output_can_be_chosen(fake, mh12):
     fake.rest(4.0)
     assert not received
     assert states
+
+
+# --- anything at all
+
+
+NUMBER = st.one_of(st.floats(width=64), st.floats(-2.0, 2.0))
+JOINTS = st.lists(st.sampled_from([*MH12_NAMES, "gripper"]), max_size=8)
+
+
+@settings(max_examples=60)
+@given(
+    method=st.sampled_from(["solve", "report"]),
+    points=st.lists(st.tuples(NUMBER, NUMBER, NUMBER), min_size=1, max_size=3),
+    quaternion=st.tuples(NUMBER, NUMBER, NUMBER, NUMBER),
+    names=st.one_of(JOINTS, st.permutations(MH12_NAMES)),
+    values=st.lists(NUMBER, max_size=8),
+)
+def test_whatever_comes_the_joints_stay_finite_and_solve_within_the_limits(method, points, quaternion, names, values):
+    network, arm = FakeNetwork(), pieper.load("mh12")
+    bus, user = network.bus("inverse", asks(method=method, rate=50.0, iterations=10)), network.bus("user")
+    Inverse(bus, arm)
+    states, other = [], user.publisher("joint_states", JOINT_STATE)
+    point, pose = user.publisher("target", POINT), user.publisher("target_pose", POSE)
+    user.subscribe("joint_states", JOINT_STATE, states.append, qos=MANY)
+    other.send(name=names, position=values, velocity=values)
+    for x, y, z in points:
+        point.send(x=x, y=y, z=z)
+        network.advance(0.1, step=0.02)
+        pose.send(
+            pose={
+                "position": {"x": x, "y": y, "z": z},
+                "orientation": dict(zip("xyzw", quaternion, strict=True)),
+            }
+        )
+        network.advance(0.1, step=0.02)
+    assert not bus.errors
+    lower, upper = arm.limits.T
+    for state in states:
+        if state.header.stamp.sec:  # what this node has published
+            assert np.isfinite(state.position).all()
+            assert method == "report" or ((state.position >= lower) & (state.position <= upper)).all()
 
 
 # --- parameters

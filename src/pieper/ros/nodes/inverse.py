@@ -49,6 +49,7 @@ _SLOWER = 1.0 + 1e-6  # so that a duration in whole nanoseconds keeps the veloci
 _SLOWER_MOVING = 0.98  # since the arm is a little further when its controller hears of it
 _LONGER = 1.2  # how much more time a move gets that would exceed a limit
 _LONGER_OFTEN = 30
+_FARTHEST = 1e6  # m
 _OWN_REMEMBERED = 256  # messages of its own that may still be on their way back
 
 
@@ -245,10 +246,8 @@ class Inverse:
     def _on_point(self, message: Any) -> None:
         p = np.array([message.x, message.y, message.z])
         self._log("info", f"Received target: {_as_words(p)}")
-        if not np.isfinite(p).all():
-            self._refuse(f"the target must be finite, got {_as_words(p)}")
-            return
-        self._begin(_Target(p))
+        if self._is_somewhere(p):
+            self._begin(_Target(p))
 
     def _on_pose(self, message: Any) -> None:
         p, q = message.pose.position, message.pose.orientation
@@ -264,11 +263,16 @@ class Inverse:
         except ArrayError as error:
             self._refuse(str(error))
             return
-        if not np.isfinite(position).all():
-            self._refuse(f"the target must be finite, got {_as_words(position)}")
-            return
-        T[:3, 3] = position
-        self._begin(_Target(T))
+        if self._is_somewhere(position):
+            T[:3, 3] = position
+            self._begin(_Target(T))
+
+    def _is_somewhere(self, p: FloatArray) -> bool:
+        """Whether a position can be computed with; if not, it is refused."""
+        if np.isfinite(p).all() and np.abs(p).max() <= _FARTHEST:
+            return True
+        self._refuse(f"the target must be finite and within {_FARTHEST:g} m, got {_as_words(p)}")
+        return False
 
     def _on_joint_states(self, message: Any) -> None:
         if (message.header.stamp.sec, message.header.stamp.nanosec, message.position.tobytes()) in self._own:
