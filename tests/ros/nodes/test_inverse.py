@@ -8,15 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import pieper
 from pieper.errors import RosError
-from pieper.motion.trajectory import Trajectory
+from pieper.kinematics.fk import fk
+from pieper.ros.fake import FakeNetwork
+from pieper.ros.nodes.controller import Controller
 from pieper.ros.nodes.inverse import Inverse, node_name
 from pieper.sim.kinematic import KinematicSimulator
 from pieper.spatial import rotation
 from tests.ros.networks import Network
-from tests.ros.nodes.users import JOINT_STATE, MANY, POINT, User
+from tests.ros.nodes.users import JOINT_STATE, MANY, POINT, POSE, User
 
 GOLDEN = Path(__file__).parents[2] / "golden"
 REPLAY = yaml.safe_load((GOLDEN / "mh12_seed.yaml").read_text())["position_ik_replay"]
@@ -149,6 +153,19 @@ def test_b15_accuracy_of_the_report(fake, mh12, case):
     assert not [line for line in user.log(NODE) if "refused" in line]
 
 
+def test_b14_it_takes_the_ticks_of_its_timer(fake, mh12):
+    """Minutes in the report; here 255 ticks, and nothing waits meanwhile."""
+    _, user = running(fake, mh12, method="report", rate=100.0)
+    states = user.hears("joint_states", JOINT_STATE)
+    user.target(0.3, 0.3, 0.3)
+    fake.rest(2.5)
+    assert user.log(NODE)[-1].startswith("Error")
+    fake.rest(0.05)
+    assert user.log(NODE)[-1] == "Finished IK iterations for target."
+    stamps = np.array([state.header.stamp.sec * 10**9 + state.header.stamp.nanosec for state in states])
+    np.testing.assert_array_equal(np.diff(stamps), 10_000_000)
+
+
 def test_m4_joint_4_is_held_and_joint_6_does_not_drift(fake, mh12):
     _, user = running(fake, mh12, method="report")
     states = user.hears("joint_states", JOINT_STATE)
@@ -164,9 +181,7 @@ def test_m7_what_has_not_come_close_is_no_answer(fake, mh12):
     fake.rest(1.0)
     *_, finished, verdict = user.log(NODE)
     assert finished == "Finished IK iterations for target."
-    assert re.fullmatch(
-        r"target refused: not reached: 0\.05\d{4} m left after 50 iterations; 0\.0001 is allowed", verdict
-    )
+    assert re.fullmatch(r"target not reached: 0\.05\d{4} m left after 50 iterations; 0\.0001 is allowed", verdict)
 
 
 def test_m7_an_answer_outside_the_limits_is_told(fake, mh12):
@@ -291,8 +306,9 @@ def test_speed_is_a_fraction_of_the_velocity_limits(fake, mh12):
 
 REFUSED = [
     ((9.0, 0.0, 0.0), r"target refused: out of reach by \d\.\d+ m"),
-    ((np.nan, 0.0, 0.3), r"target refused: the target must be finite, got x=nan, y=0.000, z=0.300"),
-    ((0.1, np.inf, 0.3), r"target refused: the target must be finite, got x=0.100, y=inf, z=0.300"),
+    ((np.nan, 0.0, 0.3), r"target refused: the target must be finite and within 1e\+06 m, got x=nan, y=0.000, z=0.300"),
+    ((0.1, -1e7, 0.3), r"target refused: the target must be finite and within 1e\+06 m, got x=0.100, y=-10000000.000"),
+    ((0.1, np.inf, 0.3), r"target refused: the target must be finite and within 1e\+06 m, got x=0.100, y=inf, z=0.300"),
 ]
 
 
@@ -490,141 +506,164 @@ def test_joint_states_that_cannot_be_used_are_not(fake, mh12, names, position):
 # --- a controller
 
 
-class Controller:
-    """An embedded simulator that listens on joint_trajectory and tells of its joints."""
+class Arm:
+    """The controller node with its simulated arm, and what it was sent."""
 
-    def __init__(self, network, arm, *, tells=True, q=None):
-        self.arm, self.robot = arm, KinematicSimulator(arm.chain, q=q)
+    def __init__(self, network, arm):
         self.bus = network.join("controller")
-        self.received, self.refused, self.tells = [], [], tells
-        self.publisher = self.bus.publisher("joint_states", JOINT_STATE, qos=MANY)
-        self.bus.subscribe("joint_trajectory", TRAJECTORY, self.on_trajectory)
-        self.bus.timer(0.01, self.step)
+        self.robot = KinematicSimulator(arm.chain)
+        Controller(self.bus, self.robot)
+        self.received = []
+        self.bus.subscribe("joint_trajectory", TRAJECTORY, self.received.append)
 
-    def on_trajectory(self, message):
-        self.received.append(message)
-        t = [p.time_from_start.sec + p.time_from_start.nanosec * 1e-9 for p in message.points]
-        q, dq, ddq = (
-            [getattr(p, what) for p in message.points] for what in ("positions", "velocities", "accelerations")
-        )
-        try:
-            self.robot.follow(Trajectory(t, q, dq, ddq, tuple(message.joint_names)))
-        except pieper.errors.PieperError as error:
-            self.refused.append(error)
-
-    def step(self):
-        state = self.robot.step(0.01)
-        if self.tells:
-            self.publisher.send(
-                header={"stamp": self.bus.stamp()},
-                name=list(self.arm.joint_names),
-                position=state.q,
-                velocity=state.dq,
-            )
+    def rests_at(self, point, within):
+        state = self.robot.read()
+        apart = np.linalg.norm(fk(self.robot.chain, state.q)[:3, 3] - point)
+        return bool(apart < within and not state.dq.any() and not self.robot.is_moving)
 
 
 def test_a_controller_gets_one_trajectory(network, mh12):
     _, user = running(network, mh12)
-    controller = Controller(network, mh12)
-    user.hears("joint_states", JOINT_STATE)
+    arm = Arm(network, mh12)
+    states = user.hears("joint_states", JOINT_STATE)
     user.target(0.3, 0.3, 0.3)
-    assert network.until(lambda: controller.received)
-    network.rest(0.05)
-    (message,) = controller.received
+    assert network.until(lambda: arm.received and arm.rests_at([0.3, 0.3, 0.3], SOLVED), 10.0)
+    (message,) = arm.received
     assert list(message.joint_names) == MH12_NAMES
     assert len(message.points) == 1
-    assert network.until(lambda: not controller.robot.is_moving, 10.0)
-    assert np.linalg.norm(mh12.fk(controller.robot.read().q)[:3, 3] - 0.3) < SOLVED
-    assert not controller.refused
-    assert node_publishes_no_states(user, controller)
-
-
-def node_publishes_no_states(user, controller):
-    heard = user.hears("joint_states", JOINT_STATE)
-    user.network.rest(0.05)
-    return heard and all(state.velocity.size for state in heard) and len(controller.received) == 1
+    stamps = [state.header.stamp.sec * 10**9 + state.header.stamp.nanosec for state in states]
+    assert stamps == sorted(stamps)
+    steps = np.abs(np.diff(positions(states), axis=0)).max(axis=0)
+    assert (steps < 0.5).all(), "one node tells of the joints, and nothing jumps"
+    assert not [line for line in user.log("controller") if "refused" in line]
 
 
 def test_the_report_gives_a_controller_the_answer_alone(network, mh12):
     _, user = running(network, mh12, method="report", rate=1000.0)
-    controller = Controller(network, mh12)
+    arm = Arm(network, mh12)
     user.hears("joint_states", JOINT_STATE)
     user.target(0.3, 0.3, 0.3)
-    assert network.until(lambda: controller.received, 20.0)
-    assert network.until(lambda: not controller.robot.is_moving, 10.0)
-    assert np.linalg.norm(mh12.fk(controller.robot.read().q)[:3, 3] - 0.3) < 3e-7
-    assert len(controller.received) == 1
-    assert not controller.refused
+    assert network.until(lambda: arm.received and arm.rests_at([0.3, 0.3, 0.3], 3e-7), 20.0)
+    assert len(arm.received) == 1
+    lines = user.log(NODE)
+    assert len([line for line in lines if line.startswith("Error")]) == 255
+    assert len([line for line in lines if line.startswith("Published joint angles")]) == 1
 
 
 def test_a_controller_is_not_given_what_is_no_answer(fake, mh12):
     _, user = running(fake, mh12, method="report", iterations=20)
-    controller = Controller(fake, mh12)
+    arm = Arm(fake, mh12)
     fake.rest(0.05)
     user.target(0.3, 0.3, 0.3)
     fake.rest(2.0)
-    assert not controller.received
+    assert not arm.received
     assert "not reached" in user.log(NODE)[-1]
 
 
 def test_a_moving_arm_is_redirected(fake, mh12):
     _, user = running(fake, mh12)
-    controller = Controller(fake, mh12)
+    arm = Arm(fake, mh12)
     fake.rest(0.05)
     for p in ([0.3, 0.8, 0.5], [0.3, -0.8, 0.5], [0.9, 0.1, 1.2], [-0.3, 0.6, 0.8]):
         user.target(*p)
         fake.rest(0.3)
-    assert controller.robot.is_moving
+    assert arm.robot.is_moving
     fake.rest(8.0)
-    assert not controller.refused
-    assert len(controller.received) == 4
-    assert np.linalg.norm(mh12.fk(controller.robot.read().q)[:3, 3] - p) < SOLVED
+    assert not [line for line in user.log("controller") if "refused" in line]
+    assert len(arm.received) == 4
+    assert arm.rests_at(p, SOLVED)
 
 
 def test_cancel_stops_a_controller(fake, mh12):
     _, user = running(fake, mh12)
-    controller = Controller(fake, mh12)
+    arm = Arm(fake, mh12)
     fake.rest(0.05)
     user.target(0.3, 0.8, 0.5)
     fake.rest(0.3)
-    assert controller.robot.is_moving
+    assert arm.robot.is_moving
     answer = user.bus.call(user.bus.client(f"/{NODE}/cancel", "std_srvs/srv/Trigger"), 1.0)
     assert answer.success
     fake.rest(3.0)
-    assert not controller.refused
-    assert not controller.robot.is_moving
-    assert np.linalg.norm(mh12.fk(controller.robot.read().q)[:3, 3] - [0.3, 0.8, 0.5]) > 0.05
+    assert not [line for line in user.log("controller") if "refused" in line]
+    assert not arm.robot.is_moving
+    assert not arm.rests_at([0.3, 0.8, 0.5], 0.05)
+
+
+def silent_controller(fake):
+    received = []
+    fake.join("controller").subscribe("joint_trajectory", TRAJECTORY, received.append)
+    return received
 
 
 def test_a_target_waits_for_the_first_joint_states(fake, mh12):
     _, user = running(fake, mh12)
-    controller = Controller(fake, mh12, tells=False, q=[1.0, 0.5, 0.5, 0.0, 0.5, 0.0])
+    received = silent_controller(fake)
     user.target(0.3, 0.3, 0.3)
     fake.rest(1.0)
-    assert not controller.received
-    controller.tells = True
-    fake.rest(4.0)
-    assert len(controller.received) == 1
-    assert np.linalg.norm(mh12.fk(controller.robot.read().q)[:3, 3] - 0.3) < SOLVED
+    assert not received
+    User(fake, "other").joint_states(MH12_NAMES, [1.0, 0.5, 0.5, 0.0, 0.5, 0.0])
+    fake.rest(0.1)
+    assert np.linalg.norm(mh12.fk(received[0].points[0].positions)[:3, 3] - 0.3) < SOLVED
 
 
 def test_without_joint_states_a_controller_gets_nothing(fake, mh12):
     _, user = running(fake, mh12)
-    controller = Controller(fake, mh12, tells=False)
+    received = silent_controller(fake)
     user.target(0.3, 0.3, 0.3)
     fake.rest(4.0)
-    assert not controller.received
+    assert not received
     assert user.log(NODE)[-1] == "target refused: no joint states on /joint_states, so it is not known where the arm is"
 
 
 def test_output_can_be_chosen(fake, mh12):
     _, user = running(fake, mh12, output="joint_states")
-    controller = Controller(fake, mh12, tells=False)
+    received = silent_controller(fake)
     states = user.hears("joint_states", JOINT_STATE)
     user.target(0.3, 0.3, 0.3)
     fake.rest(4.0)
-    assert not controller.received
+    assert not received
     assert states
+
+
+# --- anything at all
+
+
+NUMBER = st.one_of(st.floats(width=64), st.floats(-2.0, 2.0))
+JOINTS = st.lists(st.sampled_from([*MH12_NAMES, "gripper"]), max_size=8)
+
+
+@settings(max_examples=60)
+@given(
+    method=st.sampled_from(["solve", "report"]),
+    points=st.lists(st.tuples(NUMBER, NUMBER, NUMBER), min_size=1, max_size=3),
+    quaternion=st.tuples(NUMBER, NUMBER, NUMBER, NUMBER),
+    names=st.one_of(JOINTS, st.permutations(MH12_NAMES)),
+    values=st.lists(NUMBER, max_size=8),
+)
+def test_whatever_comes_the_joints_stay_finite_and_solve_within_the_limits(method, points, quaternion, names, values):
+    network, arm = FakeNetwork(), pieper.load("mh12")
+    bus, user = network.bus("inverse", asks(method=method, rate=50.0, iterations=10)), network.bus("user")
+    Inverse(bus, arm)
+    states, other = [], user.publisher("joint_states", JOINT_STATE)
+    point, pose = user.publisher("target", POINT), user.publisher("target_pose", POSE)
+    user.subscribe("joint_states", JOINT_STATE, states.append, qos=MANY)
+    other.send(name=names, position=values, velocity=values)
+    for x, y, z in points:
+        point.send(x=x, y=y, z=z)
+        network.advance(0.1, step=0.02)
+        pose.send(
+            pose={
+                "position": {"x": x, "y": y, "z": z},
+                "orientation": dict(zip("xyzw", quaternion, strict=True)),
+            }
+        )
+        network.advance(0.1, step=0.02)
+    assert not bus.errors
+    lower, upper = arm.limits.T
+    for state in states:
+        if state.header.stamp.sec:  # what this node has published
+            assert np.isfinite(state.position).all()
+            assert method == "report" or ((state.position >= lower) & (state.position <= upper)).all()
 
 
 # --- parameters

@@ -187,7 +187,7 @@ def arm_from_text(text: str, *, source: str, base: str | None = None, tip: str |
     """
     if not _is_xml(text):
         raise UrdfError(source, "document", f"is not a URDF, which starts with <: it starts with {text[:40]!r}")
-    if is_xacro(text):
+    if is_xacro(text) or "<xacro:" in text:
         raise UrdfError(
             source, "document", "is xacro, which can run programs and is not expanded here; publish the URDF"
         )

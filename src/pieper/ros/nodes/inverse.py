@@ -8,6 +8,7 @@ for the answer nearest to where the arm is, within its limits, and makes one smo
 from __future__ import annotations
 
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -20,12 +21,13 @@ from pieper.ik.target import ignore_orientation
 from pieper.motion.joint_move import joint_move
 from pieper.motion.limits import JointLimits
 from pieper.motion.trajectory import Trajectory
+from pieper.ros import messages
 from pieper.ros.nodes.complaints import Complaints
 from pieper.ros.nodes.joint_states import JOINT_STATE, JointStates
 from pieper.spatial.rotation import from_quaternion
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
@@ -47,6 +49,7 @@ _SLOWER = 1.0 + 1e-6  # so that a duration in whole nanoseconds keeps the veloci
 _SLOWER_MOVING = 0.98  # since the arm is a little further when its controller hears of it
 _LONGER = 1.2  # how much more time a move gets that would exceed a limit
 _LONGER_OFTEN = 30
+_FARTHEST = 1e6  # m
 _OWN_REMEMBERED = 256  # messages of its own that may still be on their way back
 
 
@@ -158,13 +161,17 @@ class Inverse:
         self._controller_busy_until = 0
         self._own: deque[tuple[int, int, bytes]] = deque(maxlen=_OWN_REMEMBERED)
         self._crowded = False
+        self._locked: dict[tuple[str, ...], Chain] = {}
+        self._unsaid: list[tuple[str, str]] | None = None
+        self._state = messages.make(JOINT_STATE, name=list(self._joints.names))
         self._states = bus.publisher("joint_states", JOINT_STATE)
         self._commands = bus.publisher("joint_trajectory", TRAJECTORY)
         self._heard = bus.subscribe("joint_states", JOINT_STATE, self._on_joint_states)
-        bus.subscribe("target", POINT, self._on_point)
-        bus.subscribe("target_pose", POSE, self._on_pose)
+        bus.subscribe("target", POINT, lambda message: self._first_move_then_talk(self._on_point, message))
+        bus.subscribe("target_pose", POSE, lambda message: self._first_move_then_talk(self._on_pose, message))
         bus.serve("~/cancel", "std_srvs/srv/Trigger", self._on_cancel)
         bus.timer(_LOOK_EVERY, self._look)
+        self._warm_up()
         bus.log("info", "Node inverse started")
 
     def _declare_parameters(self) -> None:
@@ -210,20 +217,42 @@ class Inverse:
             check=_check_offset,
         )
 
+    def _warm_up(self) -> None:
+        """Solve once, so that what is made once per arm is there before the first target comes."""
+        q = self._place.q
+        T = self._arm.fk(q)
+        with suppress(PieperError):  # the reason is told to whoever sends a target
+            self._arm.ik(T, q)
+            solve_numeric(self._arm.chain, ignore_orientation(T[:3, 3]), seed=q)
+
     # What comes in
+
+    def _first_move_then_talk(self, callback: Callable[[Any], None], message: Any) -> None:
+        """Call back and keep the log waiting meanwhile: a line takes as long as a solution."""
+        self._unsaid = []
+        try:
+            callback(message)
+        finally:
+            unsaid, self._unsaid = self._unsaid, None
+            for level, text in unsaid:
+                self._bus.log(level, text)
+
+    def _log(self, level: str, text: str) -> None:
+        if self._unsaid is None:
+            self._bus.log(level, text)
+        else:
+            self._unsaid.append((level, text))
 
     def _on_point(self, message: Any) -> None:
         p = np.array([message.x, message.y, message.z])
-        self._bus.log("info", f"Received target: {_as_words(p)}")
-        if not np.isfinite(p).all():
-            self._refuse(f"the target must be finite, got {_as_words(p)}")
-            return
-        self._begin(_Target(p))
+        self._log("info", f"Received target: {_as_words(p)}")
+        if self._is_somewhere(p):
+            self._begin(_Target(p))
 
     def _on_pose(self, message: Any) -> None:
         p, q = message.pose.position, message.pose.orientation
         position, quaternion = np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
-        self._bus.log("info", f"Received target: {_as_words(position)}")
+        self._log("info", f"Received target: {_as_words(position)}")
         frame = message.header.frame_id.removeprefix("/")
         if frame not in ("", self._arm.base):
             self._refuse(f"the target is given in frame {frame!r}; give it in the base frame {self._arm.base!r}")
@@ -234,11 +263,16 @@ class Inverse:
         except ArrayError as error:
             self._refuse(str(error))
             return
-        if not np.isfinite(position).all():
-            self._refuse(f"the target must be finite, got {_as_words(position)}")
-            return
-        T[:3, 3] = position
-        self._begin(_Target(T))
+        if self._is_somewhere(position):
+            T[:3, 3] = position
+            self._begin(_Target(T))
+
+    def _is_somewhere(self, p: FloatArray) -> bool:
+        """Whether a position can be computed with; if not, it is refused."""
+        if np.isfinite(p).all() and np.abs(p).max() <= _FARTHEST:
+            return True
+        self._refuse(f"the target must be finite and within {_FARTHEST:g} m, got {_as_words(p)}")
+        return False
 
     def _on_joint_states(self, message: Any) -> None:
         if (message.header.stamp.sec, message.header.stamp.nanosec, message.position.tobytes()) in self._own:
@@ -265,7 +299,7 @@ class Inverse:
             self._brake()
             running = True
         message = "cancelled; the arm comes to rest where it is" if running else "nothing was running"
-        self._bus.log("info", f"Cancel: {message}")
+        self._log("info", f"Cancel: {message}")
         return {"success": running, "message": message}
 
     # From a target to a run
@@ -297,9 +331,12 @@ class Inverse:
             answers = self._arm.ik(target.wanted, seed)
         if not answers.reached:
             raise RosError(answers.reason)
+        place = self._inside(place)
+        if not self._to_controller():
+            self._show(place)  # where the move begins; it is planned while this is on its way
         move = self._plan(place, answers.q[0])
-        self._bus.log("info", f"Joint angles: {self._angles(answers.q[0])}")
-        self._bus.log("info", f"Error: {float(answers.position_error[0]):.6f}")
+        self._log("info", f"Joint angles: {self._angles(answers.q[0])}")
+        self._log("info", f"Error: {float(answers.position_error[0]):.6f}")
         return move
 
     def _iteration(self, target: _Target) -> _Iteration:
@@ -308,7 +345,9 @@ class Inverse:
         chain: Chain = self._arm.chain
         kept = np.array([i for i, name in enumerate(chain.joint_names) if name not in held], dtype=np.intp)
         if held:
-            chain = chain.lock(**dict.fromkeys(held, 0.0))
+            if held not in self._locked:
+                self._locked[held] = chain.lock(**dict.fromkeys(held, 0.0))
+            chain = self._locked[held]
         stop = self._tolerance.value if self._stop.value else None
         steps = iterate(
             chain,
@@ -323,18 +362,23 @@ class Inverse:
         )
         return _Iteration(steps, self._iterations.value, next(steps), kept)
 
-    def _plan(self, place: _Place, q_goal: FloatArray) -> Trajectory:
-        """The smooth move from where the arm is, moving or not, to rest at the goal, within position and velocity limits."""
-        chain = self._arm.chain
-        q = np.clip(place.q, *chain.limits.T)
+    def _inside(self, place: _Place) -> _Place:
+        """The same within the limits, beyond which an encoder may read a little."""
+        q = np.clip(place.q, *self._arm.limits.T)
         apart = np.abs(q - place.q)
         if (apart > _NEARLY_INSIDE).any():
             joint = int(np.argmax(apart))
             raise MotionError(
-                f"the arm is outside its limits, joint {chain.joint_names[joint]!r} by {apart[joint]:.3g}; bring it back first"
+                f"the arm is outside its limits, joint {self._arm.joint_names[joint]!r} by {apart[joint]:.3g}; "
+                "bring it back first"
             )
+        return _Place(q, place.dq, place.ddq)
+
+    def _plan(self, place: _Place, q_goal: FloatArray) -> Trajectory:
+        """The smooth move from where the arm is, moving or not, to rest at the goal, within position and velocity limits."""
+        chain = self._arm.chain
         fastest = self._speed.value * self._limits.velocity
-        move = joint_move(chain, q, q_goal, max_velocity=fastest)
+        move = joint_move(chain, place.q, q_goal, max_velocity=fastest)
         if not place.dq.any():
             return move
         some = np.minimum(np.abs(place.dq), self._limits.velocity)
@@ -344,7 +388,7 @@ class Inverse:
         for _ in range(_LONGER_OFTEN):
             joined = Trajectory(
                 np.array([0.0, duration]),
-                np.stack([q, q_goal]),
+                np.stack([place.q, q_goal]),
                 np.stack([place.dq, zero]),
                 np.stack([place.ddq, zero]),
                 chain.joint_names,
@@ -375,12 +419,12 @@ class Inverse:
         if step is not None:
             if not self._to_controller():
                 self._show(_at_rest(self._whole(run, step)))
-                self._bus.log("info", f"Published joint angles: {self._angles(self._place.q)}")
-            self._bus.log("info", f"Error: {run.last.norm:.6f}")
+                self._log("info", f"Published joint angles: {self._angles(self._place.q)}")
+            self._log("info", f"Error: {run.last.norm:.6f}")
             run.last = step
         if step is None or step.iteration == run.count:
             self._end()
-            self._bus.log("info", "Finished IK iterations for target.")
+            self._log("info", "Finished IK iterations for target.")
             self._conclude(run)
 
     def _conclude(self, run: _Iteration) -> None:
@@ -390,7 +434,10 @@ class Inverse:
         tolerance = self._tolerance.value
         if (parts > tolerance).any():
             left = " and ".join(f"{part:.6f} {unit}" for part, unit in zip(parts, ("m", "rad"), strict=False))
-            self._refuse(f"not reached: {left} left after {run.last.iteration} iterations; {tolerance:g} is allowed")
+            self._log(
+                "warn",
+                f"target not reached: {left} left after {run.last.iteration} iterations; {tolerance:g} is allowed",
+            )
             return
         lower, upper = self._arm.limits.T
         outside = [name for name, out in zip(self._arm.joint_names, (q < lower) | (q > upper), strict=True) if out]
@@ -401,20 +448,19 @@ class Inverse:
             )
         if self._to_controller():
             try:
-                self._move(self._plan(self._now(), q))
+                self._move(self._plan(self._inside(self._now()), q))
             except PieperError as error:
                 self._refuse(str(error))
             else:
-                self._bus.log("info", f"Published joint angles: {self._angles(q)}")
+                self._log("info", f"Published joint angles: {self._angles(q)}")
 
     def _move(self, trajectory: Trajectory) -> None:
-        """Have the controller make a move, or show it by joint states, the first of them now."""
+        """Have the controller make a move, or show it by joint states from the next tick on."""
         if self._to_controller():
             self._command(trajectory.q[-1], trajectory.duration)
             return
         self._run = _Motion(trajectory, self._bus.now())
         self._timer = self._bus.timer(1.0 / self._rate.value, self._show_motion)
-        self._show_motion()
 
     def _command(self, q: FloatArray, duration: float) -> None:
         """One point to be at in time: a controller goes there from where the arm is, and from the velocity that it has."""
@@ -433,7 +479,7 @@ class Inverse:
             ],
         )
         self._controller_busy_until = self._bus.now() + nanoseconds
-        self._bus.log("info", f"Sent to {self._commands.topic}: {duration:.3f} s")
+        self._log("info", f"Sent to {self._commands.topic}: {duration:.3f} s")
 
     def _show_motion(self) -> None:
         run = self._run
@@ -444,19 +490,17 @@ class Inverse:
         self._show(_Place(np.clip(q, *self._arm.limits.T), dq, ddq))  # clip: what rounding adds
         if t >= run.trajectory.duration:
             self._end()
-            self._bus.log("info", f"Published joint angles: {self._angles(self._place.q)}")
+            self._log("info", f"Published joint angles: {self._angles(self._place.q)}")
 
     def _show(self, place: _Place) -> None:
         """Publish joint states."""
         self._place, self._placed_at = place, self._bus.now()
         stamp, positions = self._bus.stamp(), self._joints.write(place.q)
-        self._own.append((stamp["sec"], stamp["nanosec"], np.array(positions).tobytes()))
-        self._states.send(
-            header={"stamp": stamp},
-            name=list(self._joints.names),
-            position=positions,
-            velocity=self._joints.write(place.dq),
-        )
+        message = self._state
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp["sec"], stamp["nanosec"]
+        message.position, message.velocity = np.array(positions), np.array(self._joints.write(place.dq))
+        self._own.append((stamp["sec"], stamp["nanosec"], message.position.tobytes()))
+        self._states.send(message)
 
     def _end(self) -> None:
         """End what runs."""
@@ -505,7 +549,7 @@ class Inverse:
         return f"[{', '.join(f'{value:.6f}' for value in np.round(self._joints.write(q), 6) + 0.0)}]"
 
     def _refuse(self, reason: str) -> None:
-        self._bus.log("warn", f"target refused: {reason}")
+        self._log("warn", f"target refused: {reason}")
 
     def _look(self) -> None:
         if self._waiting is not None and not 0 <= self._waiting[1] - self._bus.now() <= _PATIENCE * 1e9:
@@ -513,7 +557,7 @@ class Inverse:
             self._refuse(f"no joint states on {self._heard.topic}, so it is not known where the arm is")
         crowded = self._run is not None and not self._to_controller() and self._heard.publishers > 1
         if crowded and not self._crowded:
-            self._bus.log(
+            self._log(
                 "warn",
                 f"another node publishes {self._heard.topic} too: what shows the arm jumps between the two; "
                 "stop it, or have a controller listen on joint_trajectory",
