@@ -1,23 +1,29 @@
 """What colcon installs: entry points of the nodes, launch files, parameters, a view. The version is that of package.xml."""
 
-from glob import glob
-from xml.etree import ElementTree
+from pathlib import Path
+from xml.etree import ElementTree as ET
 
 from setuptools import setup
 
 NAME = "pieper_ros"
 NODES = ("forward", "inverse", "description", "topic_latcher", "controller", "ik_server", "rotations")
 
+
+def files_in(folder):
+    """What is installed of a folder."""
+    return sorted(path.as_posix() for path in Path(folder).iterdir() if path.is_file())
+
+
 setup(
     name=NAME,
-    version=ElementTree.parse("package.xml").findtext("version"),
+    version=ET.parse("package.xml").findtext("version"),
     description="Nodes for the kinematics of robot arms.",
     license="Apache-2.0",
     packages=[NAME],
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        *((f"share/{NAME}/{folder}", sorted(glob(f"{folder}/*"))) for folder in ("launch", "config", "rviz")),
+        *((f"share/{NAME}/{folder}", files_in(folder)) for folder in ("launch", "config", "rviz")),
     ],
     install_requires=["setuptools"],
     zip_safe=True,

@@ -37,9 +37,17 @@ def generate_launch_description():
             DeclareLaunchArgument("gui", default_value="true", description="forward: sliders; else a simulated arm"),
             DeclareLaunchArgument("rviz", default_value="true", description="open RViz"),
             DeclareLaunchArgument(
-                "method", default_value="solve", choices=["solve", "report"], description="inverse: how targets are reached"
+                "method",
+                default_value="solve",
+                choices=["solve", "report"],
+                description="inverse: how targets are reached",
             ),
-            Node(package=PACKAGE, executable="description", arguments=[arm], parameters=[share("config", "description.yaml")]),
+            Node(
+                package=PACKAGE,
+                executable="description",
+                arguments=[arm],
+                parameters=[share("config", "description.yaml")],
+            ),
             Node(
                 package=PACKAGE,
                 executable="forward",

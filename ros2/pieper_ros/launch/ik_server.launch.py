@@ -15,8 +15,12 @@ def generate_launch_description():
     parameters = PathJoinSubstitution([FindPackageShare("pieper_ros"), "config", "ik_server.yaml"])
     return LaunchDescription(
         [
-            DeclareLaunchArgument("arm", default_value="kr210", description="a built-in robot, or a URDF or xacro file"),
+            DeclareLaunchArgument(
+                "arm", default_value="kr210", description="a built-in robot, or a URDF or xacro file"
+            ),
             Node(package="pieper_ros", executable="description", arguments=[arm]),
-            Node(package="pieper_ros", executable="ik_server", arguments=[arm], parameters=[parameters], output="screen"),
+            Node(
+                package="pieper_ros", executable="ik_server", arguments=[arm], parameters=[parameters], output="screen"
+            ),
         ]
     )
