@@ -150,7 +150,7 @@ ensure_venv() {
 # A fingerprint of everything that a wheel is built from; what a build leaves behind does not count.
 sources_fingerprint() {
   {
-    find src native \( -name CMakeFiles -o -name __pycache__ \) -prune -o -type f ! -name '*.so' ! -name '*.a' ! -name '*.cmake' -print0
+    find src native ros2 \( -name CMakeFiles -o -name __pycache__ \) -prune -o -type f ! -name '*.so' ! -name '*.a' ! -name '*.cmake' -print0
     printf '%s\0' CMakeLists.txt pyproject.toml README.md LICENSE
   } | LC_ALL=C sort -z | xargs -0 sha256sum | sha256sum | cut -c 1-64
 }

@@ -14,11 +14,11 @@ pytest.importorskip("cyclonedds", reason="cyclonedds is not installed")
 if sys.platform != "linux":
     pytest.skip("sockets are kept to the loopback interface on Linux only", allow_module_level=True)
 
+from cyclonedds.core import DDSException
+from cyclonedds.domain import DomainParticipant
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cyclonedds.core import DDSException
-from cyclonedds.domain import DomainParticipant
 from pieper.errors import RosError
 from pieper.ros import open_bus
 from pieper.ros.bare import loopback, watchdog

@@ -1,0 +1,1 @@
+"""Entry points of pieper's nodes for ROS 2."""
