@@ -52,6 +52,9 @@ _FATAL, _ERROR, _WARNING = 1, 2, 4
 
 _open: weakref.WeakValueDictionary[int, Domain] = weakref.WeakValueDictionary()
 _on_network: dict[int, bool] = {}
+_receivers: dict[int, set[int]] = {}
+"""Inodes of the sockets of each domain; a closed domain's may live on in a duplicate that somebody still holds."""
+
 _lock = threading.RLock()
 
 
@@ -138,7 +141,7 @@ def open_domain(domain: int = 0, *, network: bool = False) -> Domain:
                 f"this process has domain {domain} open on the {here} and is now asked for it on the {asked}: "
                 "use the same choice, or another ROS_DOMAIN_ID"
             )
-        before = {s.inode for s in sockets()} if not network else set()
+        before = _inodes(domain) if network else {s.inode for s in sockets()}
         _log(_FATAL | _ERROR | _WARNING)  # the cause of a failure now is worth a line
         try:
             opened = Domain(domain, configuration(domain, network=network))
@@ -151,6 +154,7 @@ def open_domain(domain: int = 0, *, network: bool = False) -> Domain:
             except RosError:
                 close_domain(opened)
                 raise
+        _receivers[domain] = _inodes(domain) - before
         _open[domain] = opened
         _on_network[domain] = network
         return opened
@@ -283,10 +287,11 @@ def sockets() -> list[UdpSocket]:
 def receivers(domain: int) -> list[UdpSocket]:
     """List the sockets at which this process receives for a domain; empty where sockets cannot be listed."""
     try:
-        # the socket that sends has any port, at the address of its interface
-        return [s for s in sockets() if _of_domain(s, domain) and ipaddress.ip_address(s.address).is_unspecified]
+        known = [s for s in sockets() if s.inode in _receivers.get(domain, ())]
     except RosError:
         return []
+    # the socket that sends has any port, at the address of its interface
+    return [s for s in known if _of_domain(s, domain) and ipaddress.ip_address(s.address).is_unspecified]
 
 
 def duplicate(one: UdpSocket) -> socket.socket:
@@ -369,6 +374,14 @@ def explain(error: Exception, *, domain: int, network: bool) -> str:
         if not up:
             return "no network interface is up besides the loopback: connect one, or leave out --network"
     return f"Cyclone DDS could not open domain {domain} ({error}): its own message on stderr tells why"
+
+
+def _inodes(domain: int) -> set[int]:
+    """Sockets with a port of the domain; none where sockets cannot be listed."""
+    try:
+        return {s.inode for s in sockets() if _of_domain(s, domain)}
+    except RosError:
+        return set()
 
 
 def _port(domain: int, index: int) -> int:
