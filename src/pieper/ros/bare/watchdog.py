@@ -197,7 +197,9 @@ class Watchdog:
         """
         if self._domain is None:
             return None
-        reason = self._look(self._domain)
+        if not loopback.is_open(self._domain, self._number):
+            return f"domain {self._number} was closed by another node of this process"
+        reason = self._look()
         now = self._clock()
         if reason is None:
             self._since = now
@@ -209,9 +211,7 @@ class Watchdog:
         self._alarm = now
         return f"{reason}; for {now - self._since:.1f} s or longer"
 
-    def _look(self, domain: Domain) -> str | None:
-        if not loopback.is_open(domain, self._number):
-            return f"domain {self._number} was closed by another node of this process"
+    def _look(self) -> str | None:
         still = [queue for queue in self._queues if queue.stands_still()]
         self._knock()
         lost = [ear for ear in self._ears if ear.loses(self._clock())]
