@@ -53,6 +53,7 @@ def victim(domain: int, attacker: int) -> None:
     def report() -> None:
         state = {
             **heard,
+            "publishers": subscriptions[0].publishers,
             "undecodable": sum(s.undecodable for s in subscriptions),
             "ports": [s.port for s in loopback.receivers(domain)],
             "reachable": [f"{s.address}:{s.port}" for s in loopback.sockets() if s.reachable],

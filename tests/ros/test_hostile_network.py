@@ -254,6 +254,18 @@ def test_one_forged_datagram_deafens_a_node_for_seconds_only(pair, kind):
     assert talker.hearing(victim, RECOVERY) is not None, "deaf after all"
 
 
+def test_a_forged_goodbye_is_soon_forgotten(pair):
+    """The one in whose name it was said goes on announcing itself."""
+    victim, talker = pair
+    assert talker.hearing(victim, RECOVERY) is not None
+    prefix = talker.guid(talker.reliable)[:12]
+    me = rtps.parameters(rtps.parameter(0x50, prefix + b"\x00\x00\x01\xc1"))
+    goodbye = rtps.parameter(0x71, b"\0\0\0\3") + struct.pack("<HH", 1, 0)
+    victim.send(rtps.message(prefix, rtps.data(rtps.SPDP_WRITER, 99, me, rtps.SPDP_READER, goodbye)))
+    assert talker.until(lambda: victim.state["publishers"] == 0, RECOVERY) is not None, "it did not believe it"
+    assert talker.hearing(victim, RECOVERY) is not None
+
+
 def test_mutated_datagrams_neither_end_a_node_nor_leave_it_deaf(pair):
     """Thousands of warnings of Cyclone, too, which nobody reads: it must not wait for a reader."""
     victim, talker = pair

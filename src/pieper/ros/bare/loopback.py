@@ -44,6 +44,10 @@ LAST_INDEX = 119
 LARGEST_SAMPLE = 64 * 1024 * 1024
 """Bytes of the largest message that is put together from fragments; a larger claim is dropped before memory is taken."""
 
+ANNOUNCED = 3
+"""Seconds from one announcement of a participant on loopback to the next. Left to itself, Cyclone announces a participant only
+when it starts to addresses where it knows nobody: what is lost then is lost for good, and so is who does not ask back."""
+
 SO_BINDTODEVICE = 25
 """Of Linux; the module `socket` names it only where it was built with it."""
 
@@ -78,7 +82,7 @@ def configuration(domain: int = 0, *, network: bool = False) -> str:
     Notes
     -----
     `LAST_INDEX` + 1 processes fit into one loopback domain. ROS nodes with ``ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST`` ask
-    only the first 33, but answer whoever asks them, so they are found with a larger index, too.
+    only the first 33, but answer whoever asks them, which each process here does every `ANNOUNCED` seconds.
     """
     limits = f"<Internal><MaxSampleSize>{LARGEST_SAMPLE}B</MaxSampleSize></Internal>"
     if network:
@@ -88,7 +92,7 @@ def configuration(domain: int = 0, *, network: bool = False) -> str:
         '<CycloneDDS><Domain Id="any">'
         f'<General><Interfaces><NetworkInterface name="{escape(LOOPBACK)}"/></Interfaces>'
         "<AllowMulticast>false</AllowMulticast></General>"
-        "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
+        f"<Discovery><SPDPInterval>{ANNOUNCED}s</SPDPInterval><ParticipantIndex>auto</ParticipantIndex>"
         f"<MaxAutoParticipantIndex>{_last_index(domain)}</MaxAutoParticipantIndex>"
         '<Peers><Peer Address="127.0.0.1"/></Peers></Discovery>'
         f"{limits}</Domain></CycloneDDS>"

@@ -13,7 +13,7 @@ announce everything to it. To leave the domain open and make a new participant i
 writers for all participants of a process. A receive thread that stands still may hold up the closing for ever; then only a new
 process heals, and `loopback.close_domain` says so.
 
-A forged goodbye in the name of a participant is healed by that participant's next announcement, within about eight seconds. A forged
+A forged goodbye in the name of a participant is healed by that participant's next announcement, within `loopback.ANNOUNCED` seconds. A forged
 goodbye of one of its endpoints is not told from a true one.
 """
 
