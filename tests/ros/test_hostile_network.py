@@ -208,6 +208,23 @@ def test_duplicates_now_and_then_are_no_loss_while_another_writer_has_nothing_to
         now += gap
 
 
+def test_a_queue_that_nobody_empties_stands_still():
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):
+        receiver.bind(("127.0.0.1", 0))
+        (seen,) = [s for s in loopback.sockets() if s.fd == receiver.fileno()]
+        queue = watchdog._Queue(seen)
+        for k in range(3 * watchdog.STILL):  # somebody takes what comes, however much it is
+            sender.sendto(b"%d" % k, receiver.getsockname())
+            sender.sendto(b"%d" % k, receiver.getsockname())
+            assert not queue.stands_still()
+            receiver.recv(9)
+        assert [queue.stands_still() for _ in range(watchdog.STILL + 1)] == [False] * watchdog.STILL + [True]
+        queue.close()
+
+
 def test_malformed_samples_are_dropped_and_counted(pair):
     victim, talker = pair
     before = victim.memory
