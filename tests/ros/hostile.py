@@ -13,6 +13,9 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
+HEARD = ("reliable", "sensor", "neighbour")
+"""What is counted: good messages on the reliable topic, on the best-effort one, and on that one by the neighbour."""
+
 PERIOD = 0.02
 """Seconds between two messages of the talker."""
 
@@ -23,13 +26,14 @@ def namespace(attacker: int) -> list[str]:
 
 
 def victim(domain: int, attacker: int) -> None:
-    """Run the node; it prints a line of JSON ten times a second, and ends when its standard input does."""
+    """Run the node, and a neighbour in the same process; it prints a line of JSON ten times a second, until its input ends."""
     from pieper.ros import open_bus
     from pieper.ros.bare import loopback
     from pieper.ros.qos import SENSOR
 
     bus = open_bus("victim", arguments=namespace(attacker), backend="bare", domain=domain)
-    heard = {"reliable": 0, "sensor": 0}
+    neighbour = open_bus("neighbour", arguments=namespace(attacker), backend="bare", domain=domain)
+    heard = dict.fromkeys(HEARD, 0)
 
     def hear(name: str, message: object) -> None:
         if getattr(message, "data", "").startswith("good"):
@@ -41,13 +45,15 @@ def victim(domain: int, attacker: int) -> None:
         bus.subscribe("joints", "sensor_msgs/msg/JointState", lambda m: None),
         bus.subscribe("image", "sensor_msgs/msg/Image", lambda m: None),
     ]
+    neighbour.subscribe("sensor", "std_msgs/msg/String", lambda m: hear("neighbour", m), qos=SENSOR)
     said: list[str] = []
     plain = bus._print
-    bus._print = lambda line: (said.append(line), plain(line))
+    bus._print = neighbour._print = lambda line: (said.append(line), plain(line))
 
     def report() -> None:
         state = {
             **heard,
+            "publishers": subscriptions[0].publishers,
             "undecodable": sum(s.undecodable for s in subscriptions),
             "ports": [s.port for s in loopback.receivers(domain)],
             "reachable": [f"{s.address}:{s.port}" for s in loopback.sockets() if s.reachable],
@@ -60,8 +66,10 @@ def victim(domain: int, attacker: int) -> None:
             bus.stop()
 
     bus.timer(0.1, report)
+    bus.timer(0.01, lambda: neighbour.spin_once(0.0))
     threading.Thread(target=lambda: (sys.stdin.read(), bus.stop()), daemon=True).start()
     bus.spin()
+    neighbour.close()
     bus.close()
 
 
@@ -161,9 +169,7 @@ class Talker:
         """Talk until the victim has heard five more messages on each topic; the seconds that took, or None."""
         self.until(lambda: False, 0.2)  # what was on its way before
         before = dict(victim.state)
-        return self.until(
-            lambda: all(victim.state.get(t, 0) >= before.get(t, 0) + 5 for t in ("reliable", "sensor")), seconds
-        )
+        return self.until(lambda: all(victim.state.get(t, 0) >= before.get(t, 0) + 5 for t in HEARD), seconds)
 
     def close(self) -> None:
         self.bus.close()

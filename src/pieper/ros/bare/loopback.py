@@ -44,6 +44,10 @@ LAST_INDEX = 119
 LARGEST_SAMPLE = 64 * 1024 * 1024
 """Bytes of the largest message that is put together from fragments; a larger claim is dropped before memory is taken."""
 
+ANNOUNCED = 3
+"""Seconds from one announcement of a participant on loopback to the next. Left to itself, Cyclone announces a participant only
+when it starts to addresses where it knows nobody: what is lost then is lost for good, and so is who does not ask back."""
+
 SO_BINDTODEVICE = 25
 """Of Linux; the module `socket` names it only where it was built with it."""
 
@@ -52,6 +56,9 @@ _FATAL, _ERROR, _WARNING = 1, 2, 4
 
 _open: weakref.WeakValueDictionary[int, Domain] = weakref.WeakValueDictionary()
 _on_network: dict[int, bool] = {}
+_receivers: dict[int, set[int]] = {}
+"""Inodes of the sockets of each domain; a closed domain's may live on in a duplicate that somebody still holds."""
+
 _lock = threading.RLock()
 
 
@@ -75,7 +82,7 @@ def configuration(domain: int = 0, *, network: bool = False) -> str:
     Notes
     -----
     `LAST_INDEX` + 1 processes fit into one loopback domain. ROS nodes with ``ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST`` ask
-    only the first 33, but answer whoever asks them, so they are found with a larger index, too.
+    only the first 33, but answer whoever asks them, which each process here does every `ANNOUNCED` seconds.
     """
     limits = f"<Internal><MaxSampleSize>{LARGEST_SAMPLE}B</MaxSampleSize></Internal>"
     if network:
@@ -85,7 +92,7 @@ def configuration(domain: int = 0, *, network: bool = False) -> str:
         '<CycloneDDS><Domain Id="any">'
         f'<General><Interfaces><NetworkInterface name="{escape(LOOPBACK)}"/></Interfaces>'
         "<AllowMulticast>false</AllowMulticast></General>"
-        "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
+        f"<Discovery><SPDPInterval>{ANNOUNCED}s</SPDPInterval><ParticipantIndex>auto</ParticipantIndex>"
         f"<MaxAutoParticipantIndex>{_last_index(domain)}</MaxAutoParticipantIndex>"
         '<Peers><Peer Address="127.0.0.1"/></Peers></Discovery>'
         f"{limits}</Domain></CycloneDDS>"
@@ -138,7 +145,7 @@ def open_domain(domain: int = 0, *, network: bool = False) -> Domain:
                 f"this process has domain {domain} open on the {here} and is now asked for it on the {asked}: "
                 "use the same choice, or another ROS_DOMAIN_ID"
             )
-        before = {s.inode for s in sockets()} if not network else set()
+        before = _inodes(domain) if network else {s.inode for s in sockets()}
         _log(_FATAL | _ERROR | _WARNING)  # the cause of a failure now is worth a line
         try:
             opened = Domain(domain, configuration(domain, network=network))
@@ -151,6 +158,7 @@ def open_domain(domain: int = 0, *, network: bool = False) -> Domain:
             except RosError:
                 close_domain(opened)
                 raise
+        _receivers[domain] = _inodes(domain) - before
         _open[domain] = opened
         _on_network[domain] = network
         return opened
@@ -283,10 +291,11 @@ def sockets() -> list[UdpSocket]:
 def receivers(domain: int) -> list[UdpSocket]:
     """List the sockets at which this process receives for a domain; empty where sockets cannot be listed."""
     try:
-        # the socket that sends has any port, at the address of its interface
-        return [s for s in sockets() if _of_domain(s, domain) and ipaddress.ip_address(s.address).is_unspecified]
+        known = [s for s in sockets() if s.inode in _receivers.get(domain, ())]
     except RosError:
         return []
+    # the socket that sends has any port, at the address of its interface
+    return [s for s in known if _of_domain(s, domain) and ipaddress.ip_address(s.address).is_unspecified]
 
 
 def duplicate(one: UdpSocket) -> socket.socket:
@@ -369,6 +378,14 @@ def explain(error: Exception, *, domain: int, network: bool) -> str:
         if not up:
             return "no network interface is up besides the loopback: connect one, or leave out --network"
     return f"Cyclone DDS could not open domain {domain} ({error}): its own message on stderr tells why"
+
+
+def _inodes(domain: int) -> set[int]:
+    """Sockets with a port of the domain; none where sockets cannot be listed."""
+    try:
+        return {s.inode for s in sockets() if _of_domain(s, domain)}
+    except RosError:
+        return set()
 
 
 def _port(domain: int, index: int) -> int:

@@ -13,7 +13,7 @@ announce everything to it. To leave the domain open and make a new participant i
 writers for all participants of a process. A receive thread that stands still may hold up the closing for ever; then only a new
 process heals, and `loopback.close_domain` says so.
 
-A forged goodbye in the name of a participant is healed by that participant's next announcement, within about eight seconds. A forged
+A forged goodbye in the name of a participant is healed by that participant's next announcement, within `loopback.ANNOUNCED` seconds. A forged
 goodbye of one of its endpoints is not told from a true one.
 """
 
@@ -197,7 +197,9 @@ class Watchdog:
         """
         if self._domain is None:
             return None
-        reason = self._look(self._domain)
+        if not loopback.is_open(self._domain, self._number):
+            return f"domain {self._number} was closed by another node of this process"
+        reason = self._look()
         now = self._clock()
         if reason is None:
             self._since = now
@@ -209,9 +211,7 @@ class Watchdog:
         self._alarm = now
         return f"{reason}; for {now - self._since:.1f} s or longer"
 
-    def _look(self, domain: Domain) -> str | None:
-        if not loopback.is_open(domain, self._number):
-            return f"domain {self._number} was closed by another node of this process"
+    def _look(self) -> str | None:
         still = [queue for queue in self._queues if queue.stands_still()]
         self._knock()
         lost = [ear for ear in self._ears if ear.loses(self._clock())]
