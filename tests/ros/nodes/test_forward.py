@@ -309,13 +309,18 @@ def test_two_publishers_are_told_of_once(network):
     other = User(network, "other")
     user.joint_states(MH12_NAMES, Q)
     network.rest(0.3)
-    assert not [line for line in user.log("poe_mh12_node") if "nodes publish" in line]
-    for _ in range(6):
+
+    def told():
+        return [line for line in user.log("poe_mh12_node") if "nodes publish" in line]
+
+    assert not told()
+    other.joint_states(MH12_NAMES, Q)
+    assert network.until(told)
+    for _ in range(5):
         user.joint_states(MH12_NAMES, Q)
         other.joint_states(MH12_NAMES, Q)
         network.rest(0.1)
-    told = [line for line in user.log("poe_mh12_node") if "nodes publish" in line]
-    assert told == ["2 nodes publish /joint_states: the pose jumps between what they say; stop all but one"]
+    assert told() == ["2 nodes publish /joint_states: the pose jumps between what they say; stop all but one"]
 
 
 # --- frames
