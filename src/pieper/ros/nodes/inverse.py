@@ -82,10 +82,6 @@ class _Target:
     def is_point(self) -> bool:
         return self.wanted.shape == (3,)
 
-    @property
-    def position(self) -> FloatArray:
-        return self.wanted if self.is_point else self.wanted[:3, 3]
-
 
 @dataclass(eq=False)
 class _Iteration:
@@ -224,6 +220,7 @@ class Inverse:
         with suppress(PieperError):  # the reason is told to whoever sends a target
             self._arm.ik(T, q)
             solve_numeric(self._arm.chain, ignore_orientation(T[:3, 3]), seed=q)
+            next(self._iteration(_Target(T[:3, 3])).steps, None)
 
     # What comes in
 
