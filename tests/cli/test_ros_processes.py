@@ -15,7 +15,7 @@ import pytest
 
 import pieper
 from pieper.ros import open_bus
-from tests.ros.bare.peers import new_domain
+from tests.ros.domains import new_domain
 
 pytestmark = pytest.mark.skipif(find_spec("cyclonedds") is None, reason="cyclonedds is not installed")
 

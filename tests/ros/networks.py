@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
-import os
+import time
 from contextlib import ExitStack
 from importlib.util import find_spec
 
@@ -12,8 +11,7 @@ import pytest
 from pieper.ros import Bus, open_bus
 from pieper.ros.fake import FakeNetwork
 from tests.ros import stub_rclpy
-
-_domains = itertools.count(1 + os.getpid() % 100)  # so that test runs side by side do not hear each other
+from tests.ros.domains import new_domain
 
 
 def backends():
@@ -32,7 +30,7 @@ class Network:
         self.backend = backend
         self.buses: list[Bus] = []
         self._fake = FakeNetwork()
-        self.domain = next(_domains) % 100 + 1
+        self.domain = new_domain()
         self._stack = ExitStack()
         if backend == "rclpy stub":
             self._stack.enter_context(stub_rclpy.installed())
@@ -55,13 +53,14 @@ class Network:
                     return True
                 self._fake.advance(0.001)
             return bool(condition())
-        for _ in range(round(seconds * 1000)):
-            if condition():
-                return True
+        deadline = time.monotonic() + seconds
+        while not condition():
+            if time.monotonic() > deadline:
+                return False
             for bus in self.buses:
                 if bus.ok:
                     bus.spin_once(0.001 / len(self.buses))
-        return bool(condition())
+        return True
 
     def rest(self, seconds: float = 0.3) -> None:
         """Let all nodes work for a while, so that what should not come has had its time to come."""

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pieper.model.chain import Chain
 
 _TURN = 2.0 * np.pi
+_ROUNDING = 1e-9  # [rad or m]; as far outside a limit a value is put on it, as the compiled core does
 
 
 def within_limits(answers: IKSolutions, chain: Chain | None = None) -> IKSolutions:
@@ -161,7 +162,7 @@ def nearest(answers: IKSolutions, q: ArrayLike, *, weights: ArrayLike | None = N
     wanted = np.round((here[..., None, :] - answers.q) / _TURN)
     none_inside = highest < lowest
     turns = np.where(none_inside, wanted, np.clip(wanted, lowest, np.maximum(lowest, highest)))
-    copies = answers.q + _TURN * np.where(periodic_joints(chain), turns, 0.0)
+    copies = _on_limits(answers.q + _TURN * np.where(periodic_joints(chain), turns, 0.0), chain)
     distance = np.linalg.norm(scale * (copies - here[..., None, :]), axis=-1)
     inside = np.asarray(answers.valid & ~none_inside.any(axis=-1))
     wanted_of = np.where(inside.any(axis=-1, keepdims=True), inside, answers.valid)
@@ -228,7 +229,7 @@ def along(answers: IKSolutions, q: ArrayLike) -> FloatArray:
         apart = turns - wanted
         best = ((apart * apart) @ weights + penalty[i]).argmin()
         here = chosen[i] = values[i, best] + _TURN * turns[best]
-    return chosen
+    return _on_limits(chosen, chain)
 
 
 def _whole_turns(q: FloatArray, chain: Chain) -> tuple[FloatArray, FloatArray]:
@@ -236,6 +237,12 @@ def _whole_turns(q: FloatArray, chain: Chain) -> tuple[FloatArray, FloatArray]:
     lower, upper = chain.limits.T
     turning = periodic_joints(chain)
     with np.errstate(invalid="ignore"):
-        lowest = np.where(turning, np.ceil((lower - q) / _TURN), 0.0)
-        highest = np.where(turning, np.floor((upper - q) / _TURN), 0.0)
+        lowest = np.where(turning, np.ceil((lower - _ROUNDING - q) / _TURN), 0.0)
+        highest = np.where(turning, np.floor((upper + _ROUNDING - q) / _TURN), 0.0)
     return lowest, highest
+
+
+def _on_limits(q: FloatArray, chain: Chain) -> FloatArray:
+    """The same joint values, those that rounding has put beyond a limit on it."""
+    inside = np.clip(q, *chain.limits.T)
+    return np.asarray(np.where(np.abs(inside - q) <= _ROUNDING, inside, q))

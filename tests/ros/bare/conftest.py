@@ -5,7 +5,7 @@ import pytest
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed")
 
 from pieper.ros.bare import DdsWire
-from tests.ros.bare.peers import new_domain
+from tests.ros.domains import new_domain
 
 
 @pytest.fixture

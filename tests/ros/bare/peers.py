@@ -2,21 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
-import os
 import subprocess
 import sys
 import time
 from contextlib import contextmanager
 
 from pieper.ros import messages
-
-_domains = itertools.count(os.getpid() % 100)
-
-
-def new_domain() -> int:
-    """A domain that no test beside this one uses; 1 to 100 are those of the contract tests."""
-    return 101 + next(_domains) % 100
 
 
 def until(condition, *wires, seconds: float = 10.0) -> bool:

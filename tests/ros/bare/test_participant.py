@@ -13,7 +13,8 @@ from pieper.ros.bare import DdsWire
 from pieper.ros.bare.loopback import sockets
 from pieper.ros.bare.participant import domain_id
 from pieper.ros.qos import DEFAULT
-from tests.ros.bare.peers import cdr, new_domain, process, until
+from tests.ros.bare.peers import cdr, process, until
+from tests.ros.domains import new_domain
 
 STRING = "std_msgs/msg/String"
 
