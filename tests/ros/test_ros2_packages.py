@@ -79,6 +79,16 @@ def test_package_xml_is_of_rep_149(folder):
     assert tagged(folder, "license") == ["Apache-2.0"]
 
 
+def test_the_packages_of_the_reports_have_successors_B1():
+    """What colcon finds, by its own rule (a folder with package.xml), and where the README sends who looks for the old names."""
+    assert {path.parent.name for path in ROS2.rglob("package.xml")} == {"pieper_ros", "pieper_interfaces"}
+    text = README.read_text(encoding="utf-8")
+    for name in ("kinematics_mh12", "yaskawa_robot"):
+        assert re.search(rf"^\|.*`{name}`.*\|.*`pieper_ros`", text, re.MULTILINE)
+    assert "rosdep install" in text
+    assert "colcon build" in text
+
+
 @pytest.mark.parametrize(
     ("old", "new", "problem"),
     [
