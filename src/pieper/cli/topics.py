@@ -112,29 +112,34 @@ def echo(
     if wanted is not None and wanted < 1:
         raise RosError(f"--count takes a count from 1 on, got {wanted}")
     dump = _dumper()
-    heard = 0
+    heard: list[Any] = []
+    printed = 0
 
-    def show(message: Any) -> None:
-        nonlocal heard
-        if wanted is not None and heard >= wanted:
-            return
-        for part in path:
-            message = getattr(message, part)
-        sys.stdout.write(dump(messages.as_fields(message)) + "---\n")
-        sys.stdout.flush()
-        heard += 1
+    def enough() -> bool:
+        """Print what was heard; here, since what goes wrong in a callback only goes to the log."""
+        nonlocal printed
+        for message in heard[: None if wanted is None else wanted - printed]:
+            part = message
+            for step in path:
+                part = getattr(part, step)
+            sys.stdout.write(dump(messages.as_fields(part)) + "---\n")
+            sys.stdout.flush()
+            printed += 1
+        heard.clear()
+        return printed == wanted
 
     with joined(
         _name("echo"), arguments=_quiet(ros_arguments(context)), backend=backend, network=network, domain=domain
     ) as bus:
-        subscription = bus.subscribe(topic, name, show, qos=_quality(quality, topic, hear_all=True))
-        bus.spin_until(lambda: bool(bus.errors) or (wanted is not None and heard >= wanted), timeout=timeout)
-        if bus.errors:  # standard output is closed, for example
-            raise bus.errors[-1]
-        if bus.ok and heard < (wanted or 1):
-            return _nobody(
-                f"{heard or 'no'} message{'' if heard == 1 else 's'} on {subscription.topic} within {timeout:g} s"
-            )
+        subscription = bus.subscribe(topic, name, heard.append, qos=_quality(quality, topic, hear_all=True))
+        try:
+            complete = bus.spin_until(enough, timeout=timeout)
+        except BrokenPipeError:  # the reader of a pipe has seen enough, as `| head` does
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 0
+        if bus.ok and not complete and (wanted is not None or not printed):
+            count_heard = f"{printed or 'no'} message{'' if printed == 1 else 's'}"
+            return _nobody(f"{count_heard} on {subscription.topic} within {timeout:g} s")
     return 0
 
 
