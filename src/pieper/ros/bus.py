@@ -25,6 +25,7 @@ import itertools
 import sys
 import time
 import traceback
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from pieper.errors import PieperError, RosError
@@ -480,10 +481,11 @@ class Bus:
         if _LEVELS[level] < self._threshold:
             return
         stamp = self.stamp()
+        text = text.encode("utf-8", "replace").decode().replace("\0", " ")  # what a message can carry
         name = f"{self.namespace}/{self.node}".strip("/").replace("/", ".")
         self._print(f"[{level.upper()}] [{stamp['sec']}.{stamp['nanosec']:09d}] [{name}]: {text}")
         if not self._closed:
-            self._rosout.send(stamp=stamp, level=_LEVELS[level], name=name, msg=text.replace("\0", " "))
+            self._rosout.send(stamp=stamp, level=_LEVELS[level], name=name, msg=text)
 
     # Life
 
@@ -605,4 +607,5 @@ class Bus:
         return time.monotonic()
 
     def _print(self, line: str) -> None:
-        print(line, file=sys.stderr, flush=True)  # noqa: T201  where a node's log goes
+        with suppress(OSError, ValueError):  # whoever read it is gone, and the node goes on
+            print(line, file=sys.stderr, flush=True)  # noqa: T201  where a node's log goes
