@@ -116,6 +116,14 @@ def test_a_signal_ends_a_node_with_code_0(domain, number):
     assert node.lines == said, "a node ends without a word"
 
 
+def test_a_signal_ends_a_node_that_waits_for_a_description_with_code_0(domain):
+    with Process("ros", "forward", "topic:/robot_description", domain=domain) as node:
+        node.wait_for("on the ROS 2 network")
+        said = list(node.lines)
+        assert node.end() == 0
+    assert node.lines == said
+
+
 def test_a_signal_twice_is_a_signal_once(domain):
     with Process("ros", "rotations", domain=domain) as node:
         node.wait_for("Ready to convert quaternions")

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from pieper.errors import PieperError
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
@@ -109,4 +111,8 @@ def joined(
         open_bus(node, arguments=arguments, backend=backend, network=network, domain=domain) as bus,
     ):
         handler.watch(bus)
-        yield bus
+        try:
+            yield bus
+        except PieperError:
+            if not handler.asked:  # otherwise it is a wait that was cut short
+                raise
