@@ -118,7 +118,7 @@ def test_a_signal_ends_a_node_with_code_0(domain, number):
 
 def test_a_signal_ends_a_node_that_waits_for_a_description_with_code_0(domain):
     with Process("ros", "forward", "topic:/robot_description", domain=domain) as node:
-        node.wait_for("on the ROS 2 network")
+        node.wait_for("Waiting for a robot description on /robot_description")
         said = list(node.lines)
         assert node.end() == 0
     assert node.lines == said
