@@ -129,7 +129,9 @@ class TopicWriter(Endpoint):
         if policy is None:
             return None
         what = POLICIES.get(policy, f"policy {policy}")
-        return f"{_in_ros(self.name)}: a subscriber asks for another {what} than this node offers, and hears nothing of it"
+        return (
+            f"{_in_ros(self.name)}: a subscriber asks for another {what} than this node offers, and hears nothing of it"
+        )
 
     def matched_user_data(self) -> list[bytes]:
         """Return what the matched readers tell of themselves."""
