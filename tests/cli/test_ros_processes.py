@@ -143,6 +143,19 @@ def test_a_launch_starts_all_and_a_signal_ends_all(domain):
     assert any("pieper ros call /calculate_ik" in line for line in launch.lines)
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not tell a process that its parent has ended")
+def test_nodes_do_not_outlive_a_launch_that_is_killed(domain):
+    with (
+        Process("launch", "ik", "--arm", "ur5e", domain=domain) as launch,
+        open_bus("listener", backend="bare", domain=domain) as bus,
+    ):
+        heard = bus.subscribe("robot_description", "std_msgs/msg/String", lambda message: None)
+        launch.wait_for("Ready to receive an IK request")
+        assert bus.spin_until(lambda: heard.publishers == 1, timeout=LONG)
+        launch.process.kill()
+        assert bus.spin_until(lambda: heard.publishers == 0, timeout=LONG)
+
+
 def test_a_launch_ends_when_one_node_cannot_start(domain):
     with Process("launch", "inverse", "--arm", "mh12", "method:=guess", domain=domain) as launch:
         assert launch.ended() == 2

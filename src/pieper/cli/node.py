@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
+import os
 import signal
+import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,12 +13,14 @@ import typer
 from typer.core import TyperCommand
 
 from pieper.errors import PieperError
+from pieper.ros.launch import LAUNCHED_BY
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from pieper.ros.bus import Bus
 
+_PR_SET_PDEATHSIG = 1
 _ROS_ARGUMENTS = "pieper.ros_arguments"
 
 Backend = Annotated[
@@ -94,6 +99,16 @@ def ending() -> Iterator[Ending]:
             signal.signal(number, old)
 
 
+def _end_with_parent() -> None:
+    """Have a node that was launched end as at SIGTERM when its launch is gone, in whichever way (Linux)."""
+    parent = os.environ.pop(LAUNCHED_BY, "")
+    if not parent or sys.platform != "linux":
+        return
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != int(parent):  # gone meanwhile
+        raise SystemExit(0)
+
+
 @contextmanager
 def joined(
     node: str,
@@ -111,6 +126,7 @@ def joined(
         open_bus(node, arguments=arguments, backend=backend, network=network, domain=domain) as bus,
     ):
         handler.watch(bus)
+        _end_with_parent()
         try:
             yield bus
         except PieperError:

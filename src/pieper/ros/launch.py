@@ -19,6 +19,9 @@ from pieper.errors import unknown_name
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+LAUNCHED_BY = "PIEPER_LAUNCHED_BY"
+"""Variable of the environment that tells a node which process has launched it."""
+
 _LOOK = 0.05  # seconds between looks at the processes
 _PATIENCE = 5.0  # seconds until a process that was asked to end is ended
 
@@ -178,7 +181,7 @@ class Launch:
             encoding="utf-8",
             errors="replace",
             bufsize=1,
-            env={**os.environ, "PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8"},
+            env={**os.environ, "PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8", LAUNCHED_BY: str(os.getpid())},
             start_new_session=True,  # Ctrl-C comes from here alone, and once
         )
         self._processes[name] = process
