@@ -12,6 +12,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
@@ -220,3 +221,13 @@ def test_the_graph_shows_a_bare_node_as_one_on_rclpy(network, ros_graph):
     for topic, ends in topics.items():
         assert network.until(lambda t=topic, n=ends: len(seen("bare", t)) == len(seen("rclpy", t)) == n, seconds=10)
         assert seen("bare", topic) == seen("rclpy", topic)
+
+
+@BOTH
+def test_joint_states_of_sensor_quality_are_heard_where_that_is_asked_for(network, team, backend):
+    arm = pieper.load("mh12")
+    arguments = ("--ros-args", "-p", "publish_tf:=false", "-p", "reliable:=false")
+    Forward(join(network, "forward", backend, *arguments), arm)
+    Inverse(join(network, "inverse", backend, "--ros-args", "-p", "reliable:=false"), arm)
+    sensor = team.node.create_publisher(JointState, "/joint_states", qos_profile_sensor_data)
+    assert team.until(lambda: sensor.get_subscription_count() == 2)
