@@ -262,7 +262,8 @@ def main() -> None:
             took = talker.hearing(victim, SOON)
             assert victim.alive, f"{name} ended the node with code {victim.process.returncode}"
             assert took is not None, (
-                f"the node is deaf after {name}, and said {victim.deaf[said:]}; {victim.state}; the talker has "
+                f"the node does not hear {talker.unheard} after {name}, and said {victim.deaf[said:]}; it has "
+                f"{victim.state['publishers']} publishers on the reliable topic; the talker has "
                 f"{talker.reliable.subscribers} and {talker.sensor.subscribers} subscribers"
             )
             assert victim.memory < start + MEMORY, (
