@@ -107,17 +107,17 @@ def test_output_that_is_no_text_is_shown_somehow():
 @pytest.fixture
 def launched(monkeypatch):
     """What would be started, and with which exit code it ends."""
-    started = []
+    asked = []
 
     def run(self, *, started=None):
-        self._show("[INFO] started")
+        asked.append(self._commands)
+        self.say("[INFO] started")
         if started:
             started()
         return 0
 
     monkeypatch.setattr(Launch, "run", run)
-    monkeypatch.setattr(Launch, "__init__", lambda self, c, say: (started.append(c), setattr(self, "_show", say))[0])
-    return started
+    return asked
 
 
 @pytest.mark.parametrize(
@@ -177,3 +177,25 @@ def test_nothing_is_left_of_a_launch():
     before = threading.active_count()
     run({"one": python("print('done')")})
     assert threading.active_count() == before
+
+
+def test_a_reader_that_leaves_ends_all_and_hangs_nothing():
+    """As ``pieper launch ... | head``: the processes go on writing more than a pipe holds, and end when they are asked to."""
+    talker = python("import time\nwhile True:\n    print('x' * 1000, flush=True); time.sleep(0.001)")
+    said = []
+
+    def show(line):
+        if len(said) == 3:
+            raise BrokenPipeError
+        said.append(line)
+
+    assert Launch({"one": talker, "two": python(PATIENT)}, show).run() == 0
+
+
+def test_a_log_that_cannot_be_written_stops_no_arm():
+    """A full disk: the lines are lost, and the processes go on until they end by themselves."""
+
+    def show(_):
+        raise OSError(28, "No space left on device")
+
+    assert Launch({"one": python("import sys; print('x' * 200_000); sys.exit(3)")}, show).run() == 3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from typing import Annotated
@@ -9,7 +10,7 @@ from typing import Annotated
 import typer
 
 from pieper.cli.arguments import load
-from pieper.cli.node import Backend, Domain, Network, ros_arguments
+from pieper.cli.node import Backend, Domain, Network, endings, ros_arguments
 from pieper.errors import PieperError
 
 _WORDS = {"mode": "MODE", "arm": "--arm", "ur_type": "--ur-type"}
@@ -51,15 +52,14 @@ def launch(
     options += [*(["--ros-args", *ros, "--"] if ros else []), *ros_arguments(context)]
 
     run = processes.Launch(processes.commands(mode, name, options=options), _say)
-    ends = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
-    before = {number: signal.signal(number, lambda *_: run.stop()) for number in ends}
+    before = {number: signal.signal(number, lambda *_: run.stop()) for number in endings()}
 
     def say_what_is_next() -> None:
         for what, without_ros, with_ros in chosen.hints:
-            _say(f"to {what}:")
-            _say(f"  {without_ros.format(joint=joint)}")
-            _say(f"  {with_ros.format(joint=joint)}")
-        _say("to end all: Ctrl-C")
+            run.say(f"to {what}:")
+            run.say(f"  {without_ros.format(joint=joint)}")
+            run.say(f"  {with_ros.format(joint=joint)}")
+        run.say("to end all: Ctrl-C")
 
     try:
         return run.run(started=say_what_is_next)
@@ -69,8 +69,14 @@ def launch(
 
 
 def _say(line: str) -> None:
-    sys.stdout.write(line + "\n")
-    sys.stdout.flush()
+    try:
+        sys.stdout.write(line + "\n")
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(
+            os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
+        )  # what is still in the buffer has to go somewhere
+        raise
 
 
 def _sorted_words(words: list[str]) -> tuple[list[str], dict[str, str], list[str]]:
