@@ -163,6 +163,12 @@ def test_an_arm_from_a_topic_that_is_silent(pieper_command, network):
     assert "no robot description on /robot_description within 5 s" in result.err
 
 
+def test_a_node_is_ended_while_it_waits_for_its_arm(pieper_command, network):
+    network.stop_after(0.5)
+    result = pieper_command("ros", "forward", "topic:/robot_description")
+    assert (result.code, result.err) == (0, "")
+
+
 def test_description_without_an_arm_passes_on_what_it_hears(pieper_command, network):
     heard = []
     network.test.subscribe("robot_description_latch", "std_msgs/msg/String", heard.append)

@@ -11,7 +11,7 @@ from typer.core import TyperGroup
 from pieper.cli import bags, topics
 from pieper.cli.arguments import Base, Nominal, Tip, load
 from pieper.cli.node import Backend, Domain, Network, RosCommand, joined, ros_arguments
-from pieper.errors import PieperError, unknown_name
+from pieper.errors import PieperError, RosError, unknown_name
 from pieper.ros.nodes import NODES
 
 if TYPE_CHECKING:
@@ -91,7 +91,12 @@ def _arm_from_topic(bus: Bus, name: str, *, base: str | None, tip: str | None) -
         return None
     from pieper.ros.nodes.description import arm_from_topic
 
-    return arm_from_topic(bus, topic=name.removeprefix(_TOPIC) or "robot_description", base=base, tip=tip)
+    try:
+        return arm_from_topic(bus, topic=name.removeprefix(_TOPIC) or "robot_description", base=base, tip=tip)
+    except RosError:
+        if bus.ok:
+            raise
+        raise typer.Exit from None  # it was ended while it waited
 
 
 def _start(entry: Entry, bus: Bus, arm: Arm | None) -> object:
