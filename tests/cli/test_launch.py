@@ -155,6 +155,19 @@ def test_what_is_for_the_nodes_gets_there(pieper_command, launched):
     assert " ".join(launched[0]["inverse"][6:]) == expected
 
 
+def test_the_ends_of_the_arm_are_for_all_that_have_an_arm(pieper_command, launched):
+    assert pieper_command("launch", "forward", "--arm", "ur5e", "--tip", "flange").code == 0
+    assert launched[0]["forward"][5:] == ["ur5e", "--tip", "flange"]
+    assert launched[0]["controller"][5:] == ["ur5e", "--tip", "flange"]
+    assert launched[0]["description"][5:] == ["ur5e"]
+
+
+def test_what_is_next_is_said_with_the_namespace(pieper_command, launched):
+    result = pieper_command("launch", "inverse", "--arm", "mh12", "--ros-args", "-r", "__ns:=/cell2")
+    assert "pieper ros pub /cell2/target geometry_msgs/msg/Point '{x: 0.3" in result.out
+    assert "ros2 topic echo /cell2/joint_states" in result.out
+
+
 @pytest.mark.parametrize(
     ("line", "complaint"),
     [
@@ -162,6 +175,8 @@ def test_what_is_for_the_nodes_gets_there(pieper_command, launched):
         ("inverse", "name the arm, as in: pieper launch inverse --arm mh12"),
         ("inverze --arm mh12", "no mode 'inverze'; did you mean 'inverse'"),
         ("inverse --arm mh13", "did you mean 'mh12'"),
+        ("inverse --arm ur5e --tip tool1", "tool1"),
+        ("inverse --arm ur5e --ros-args -r bad", "a remapping is written 'from:=to'"),
         ("inverse forward --arm mh12", "one mode, got 'inverse' and 'forward'"),
         ("inverse --arm mh12 --ur-type ur5e", "one arm, got 'mh12' and 'ur5e'"),
     ],

@@ -68,6 +68,10 @@ def _verb(entry: Entry) -> Callable[..., None]:
         domain: Domain = None,
     ) -> None:
         arm_name, parameters = _sorted_words(entry, words or [])
+        if entry.needs in ("simulator", "robot"):
+            from pieper.ros.nodes.joint_states import WHOLE_ROBOTS
+
+            arm_name = WHOLE_ROBOTS.get(arm_name, arm_name)
         given = [word for parameter in parameters for word in ("-p", parameter)]
         arguments = [*(["--ros-args", *given, "--"] if given else []), *ros_arguments(context)]
 

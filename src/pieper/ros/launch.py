@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from pieper.errors import unknown_name
+from pieper.ros.nodes import NODES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -100,7 +101,7 @@ def find(mode: str) -> Mode:
         raise unknown_name("mode", mode, MODES) from None
 
 
-def commands(mode: str, arm: str, *, options: Sequence[str] = ()) -> dict[str, list[str]]:
+def commands(mode: str, arm: str, *, ends: Sequence[str] = (), options: Sequence[str] = ()) -> dict[str, list[str]]:
     """Return the command line of each process of a mode, by its name.
 
     Parameters
@@ -109,6 +110,8 @@ def commands(mode: str, arm: str, *, options: Sequence[str] = ()) -> dict[str, l
         One of :data:`MODES`.
     arm : str
         As on the command line: a built-in robot or a file.
+    ends : sequence of str
+        Where the arm begins and ends, ``--tip LINK``: for every node but the description, which is of the whole robot.
     options : sequence of str
         For every node, ROS arguments last.
 
@@ -119,7 +122,11 @@ def commands(mode: str, arm: str, *, options: Sequence[str] = ()) -> dict[str, l
     description -m pieper ros description ur5e
     ik_server -m pieper ros ik_server ur5e
     """
-    return {node: [sys.executable, "-m", "pieper", "ros", node, arm, *options] for node in find(mode).nodes}
+    pieper_ros = [sys.executable, "-m", "pieper", "ros"]
+    return {
+        node: [*pieper_ros, node, arm, *([] if NODES[node].needs == "robot" else ends), *options]
+        for node in find(mode).nodes
+    }
 
 
 class Launch:
