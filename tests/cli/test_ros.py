@@ -130,6 +130,18 @@ def test_ros_arguments_arrive_untouched(pieper_command, network):
     assert bus.resolve("joint_states") == "/cell2/joint_states"
 
 
+def test_the_report_s_model_of_the_mh12_moves_the_robot(pieper_command, network):
+    """Its five screws are no robot: with a controller and a description of their own nobody would understand the others."""
+    network.stop_after(0.1)
+    assert pieper_command("ros", "controller", "mh12-report").code == 0
+    assert "Ready to move joint_1_s, joint_2_l, joint_3_u, joint_4_r, joint_5_b, joint_6_t" in network.lines[-1]
+    said = []
+    network.test.subscribe("robot_description", "std_msgs/msg/String", said.append)
+    network.stop_after(0.1)
+    assert pieper_command("ros", "description", "mh12-report").code == 0
+    assert '<robot name="yaskawa_mh12">' in said[0].data
+
+
 @pytest.mark.parametrize(
     ("line", "ours"),
     [
@@ -161,6 +173,12 @@ def test_an_arm_from_a_topic_that_is_silent(pieper_command, network):
     result = pieper_command("ros", "forward", "topic:/robot_description")
     assert result.code == command.BAD_INPUT
     assert "no robot description on /robot_description within 5 s" in result.err
+
+
+def test_a_node_is_ended_while_it_waits_for_its_arm(pieper_command, network):
+    network.stop_after(0.5)
+    result = pieper_command("ros", "forward", "topic:/robot_description")
+    assert (result.code, result.err) == (0, "")
 
 
 def test_description_without_an_arm_passes_on_what_it_hears(pieper_command, network):

@@ -25,6 +25,7 @@ import itertools
 import sys
 import time
 import traceback
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from pieper.errors import PieperError, RosError
@@ -605,4 +606,7 @@ class Bus:
         return time.monotonic()
 
     def _print(self, line: str) -> None:
-        print(line, file=sys.stderr, flush=True)  # noqa: T201  where a node's log goes
+        with suppress(
+            OSError
+        ):  # a full disk, or a pipe that nobody reads any more: no reason for an arm to lose its node
+            print(line, file=sys.stderr, flush=True)  # noqa: T201  where a node's log goes
