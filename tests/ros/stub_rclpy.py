@@ -45,12 +45,14 @@ class _Policy:
 
 class Future:
     def __init__(self):
-        self.callbacks, self.value, self.done = [], None, False
+        self.callbacks, self.value, self.done, self.given_up = [], None, False, False
 
     def add_done_callback(self, callback):
         self.callbacks.append(callback)
 
     def set_result(self, value):
+        if self.given_up:
+            return
         self.value, self.done = value, True
         for callback in self.callbacks:
             callback(self)
@@ -112,6 +114,9 @@ class _End:
         for service in self.peers("service")[:1]:
             service.inbox.append((request, (future, self.srv_type.Response)))
         return future
+
+    def remove_pending_request(self, future):
+        future.given_up = True
 
     def service_is_ready(self):
         return bool(self.peers("service"))
@@ -183,7 +188,7 @@ class SingleThreadedExecutor:
             time.sleep(0.0005)
 
 
-def _init(*, args=None, context=None):
+def _init(*, args=None, context=None, domain_id=None):
     context.alive = True
 
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import sys
+import threading
+
 import numpy as np
 import pytest
 
@@ -13,6 +17,7 @@ POINT = "geometry_msgs/msg/Point"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 STRING = "std_msgs/msg/String"
 SET_BOOL = "std_srvs/srv/SetBool"
+TRIGGER = "std_srvs/srv/Trigger"
 
 
 def heard_on(bus, topic, type_name, **options):
@@ -316,6 +321,21 @@ def test_a_callback_that_raises_is_logged_and_the_node_goes_on(network):
     listener.errors.clear()
 
 
+def test_a_node_goes_on_when_nobody_reads_its_log(network, monkeypatch):
+    bus, listener = network.join("arm"), network.join("listener")
+    heard, subscription = heard_on(listener, "/rosout", "rcl_interfaces/msg/Log", qos=QoS(depth=100))
+    assert network.until(lambda: subscription.publishers >= 2)
+    read_end, write_end = os.pipe()
+    os.close(read_end)
+    with monkeypatch.context() as patch, os.fdopen(write_end, "w", buffering=1, errors="backslashreplace") as broken:
+        patch.setattr(sys, "stderr", broken)
+        bus.log("info", "still here")
+        os.dup2(os.open(os.devnull, os.O_WRONLY), write_end)  # so that what is left in the buffer finds its way
+    bus.log("info", "a name \udcff that is not UTF-8")
+    assert network.until(lambda: any("not UTF-8" in line.msg for line in heard))
+    assert any(line.msg == "still here" for line in heard)
+
+
 # Parameters
 
 
@@ -396,6 +416,12 @@ def test_a_parameter_of_the_wrong_type_is_refused_at_the_start(network):
 # Life
 
 
+def test_the_domain_of_a_node_is_its_own(network, monkeypatch):
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    network.join("node")
+    assert "ROS_DOMAIN_ID" not in os.environ
+
+
 def test_a_stopped_bus_ends_its_spin_and_closing_twice_does_no_harm(network):
     bus = network.join("node")
     bus.timer(0.01, bus.stop)
@@ -403,3 +429,179 @@ def test_a_stopped_bus_ends_its_spin_and_closing_twice_does_no_harm(network):
     assert not bus.ok
     bus.close()
     bus.close()
+
+
+def test_what_was_closed_says_and_does_nothing(network):
+    one, other = network.join("one"), network.join("other")
+    publisher, (heard, subscription) = one.publisher("target", POINT), heard_on(other, "target", POINT)
+    service, client = other.serve("home", TRIGGER, lambda request: {}), one.client("home", TRIGGER)
+    assert network.until(lambda: publisher.subscribers and subscription.publishers and client.ready)
+    for end in (publisher, subscription, client, service, service, client, subscription, publisher):
+        end.close()
+    answers: list = []
+    publisher.send(x=1.0)
+    client.send(answers.append)
+    network.rest(0.1)
+    assert (publisher.subscribers, subscription.publishers, client.ready) == (0, 0, False)
+    assert (heard, answers) == ([], [])
+
+
+def test_a_node_that_has_left_says_and_does_nothing(network):
+    one, other = network.join("one"), network.join("other")
+    publisher, (_, subscription) = one.publisher("target", POINT), heard_on(one, "target", POINT)
+    client, timer = one.client("home", TRIGGER), one.timer(0.01, lambda: None)
+    other.serve("home", TRIGGER, lambda request: {})
+    assert network.until(lambda: publisher.subscribers and client.ready)
+    one.close()
+    publisher.send(x=1.0)
+    client.send(lambda response: None)
+    one.log("info", "not on the network any more")
+    assert (publisher.subscribers, subscription.publishers, client.ready) == (0, 0, False)
+    for end in (publisher, subscription, client):
+        end.close()
+    timer.cancel()
+    one.stop()
+    one.spin()
+    for make in (
+        lambda: one.publisher("again", POINT),
+        lambda: one.subscribe("again", POINT, print),
+        lambda: one.serve("again", TRIGGER, print),
+        lambda: one.client("again", TRIGGER),
+    ):
+        with pytest.raises(RosError, match="the node has left the network"):
+            make()
+
+
+@pytest.mark.parametrize("what", ["itself", "its node"])
+def test_a_callback_closes_its_own_subscription_or_node(network, what):
+    sender, listener = network.join("sender"), network.join("listener")
+    heard: list = []
+
+    def callback(point):
+        heard.append(point.x)
+        (subscription if what == "itself" else listener).close()
+
+    subscription = listener.subscribe("target", POINT, callback)
+    publisher = sender.publisher("target", POINT)
+    assert network.until(lambda: publisher.subscribers)
+    for x in (1.0, 2.0, 3.0):
+        publisher.send(x=x)
+    assert network.until(lambda: heard)
+    network.rest(0.1)
+    assert heard == [1.0]
+
+
+@pytest.mark.parametrize("what", ["itself", "its node"])
+def test_a_service_closes_itself_or_its_node(network, what):
+    server, caller = network.join("server"), network.join("caller")
+    asked: list = []
+
+    def callback(request):
+        asked.append(request)
+        (service if what == "itself" else server).close()
+        return {}
+
+    service, client = server.serve("home", TRIGGER, callback), caller.client("home", TRIGGER)
+    assert network.until(lambda: client.ready)
+    for _ in range(2):
+        client.send(lambda response: None)
+    assert network.until(lambda: asked)
+    network.rest(0.1)
+    assert len(asked) == 1
+
+
+@pytest.mark.parametrize("what", ["itself", "its node"])
+def test_an_answer_closes_its_client_or_node(network, what):
+    server, caller = network.join("server"), network.join("caller")
+    server.serve("home", TRIGGER, lambda request: {})
+    client = caller.client("home", TRIGGER)
+    assert network.until(lambda: client.ready)
+    answers: list = []
+
+    def callback(response):
+        answers.append(response)
+        (client if what == "itself" else caller).close()
+
+    for _ in range(2):
+        client.send(callback)
+    assert network.until(lambda: answers)
+    network.rest(0.1)
+    assert len(answers) == 1
+
+
+def test_a_callback_makes_all_that_a_node_can_have(network):
+    one, other = network.join("one"), network.join("other")
+    heard: list = []
+
+    def callback(point):
+        other.subscribe("more", POINT, lambda point: heard.append(point.x))
+        other.serve("home", TRIGGER, lambda request: {"message": "at home"})
+        timer = other.timer(0.01, lambda: (heard.append("tick"), timer.cancel()))
+
+    other.subscribe("target", POINT, callback)
+    publisher, more, client = one.publisher("target", POINT), one.publisher("more", POINT), one.client("home", TRIGGER)
+    assert network.until(lambda: publisher.subscribers)
+    publisher.send()
+    assert network.until(lambda: more.subscribers and client.ready)
+    more.send(x=3.0)
+    client.send(lambda response: client.send(lambda again: heard.append(again.message)))
+    assert network.until(lambda: len(heard) == 3)
+    network.rest(0.1)
+    assert sorted(map(str, heard)) == ["3.0", "at home", "tick"]
+
+
+def test_timers_cancel_themselves_and_each_other(network):
+    bus = network.join("node")
+    called: list = []
+
+    def callback(name):
+        called.append(name)
+        for timer in timers:
+            timer.cancel()
+
+    timers = [bus.timer(0.01, lambda name=name: callback(name)) for name in ("first", "second")]
+    network.rest(0.1)
+    assert called == ["first"]
+
+
+def test_an_answer_after_the_node_has_left_is_dropped(network):
+    server, caller = network.join("server"), network.join("caller")
+    reply, asked, answers = Reply(), [], []
+    server.serve("home", TRIGGER, lambda request: asked.append(request) or reply)
+    client = caller.client("home", TRIGGER)
+    assert network.until(lambda: client.ready)
+    client.send(answers.append)
+    assert network.until(lambda: asked)
+    server.close()
+    reply.send(success=True)
+    network.rest(0.1)
+    assert answers == []
+
+
+def test_of_more_than_a_thousand_requests_without_an_answer_the_oldest_is_given_up(network):
+    if network.backend == "fake":
+        pytest.skip("a fake caller keeps nothing of its requests")
+    server, caller = network.join("server"), network.join("caller")
+    replies, answered = [], []
+    server.serve("home", TRIGGER, lambda request: replies.append(Reply()) or replies[-1])
+    client = caller.client("home", TRIGGER)
+    assert network.until(lambda: client.ready)
+    for i in range(1001):
+        client.send(lambda response, i=i: answered.append(i))
+        if i % 50 == 0:
+            assert network.until(lambda i=i: len(replies) == i + 1)
+    assert network.until(lambda: len(replies) == 1001)
+    replies[0].send()
+    replies[1000].send()
+    assert network.until(lambda: answered)
+    network.rest(0.1)
+    assert answered == [1000]
+
+
+def test_a_bus_is_stopped_from_another_thread(network):
+    bus = network.join("node")
+    stopping = threading.Thread(target=bus.stop)
+    bus.timer(0.01, lambda: None if stopping.ident else stopping.start())
+    bus.spin()
+    stopping.join()
+    assert not bus.ok

@@ -135,6 +135,7 @@ def test_values_are_converted_where_nothing_is_lost():
         ("sensor_msgs/msg/Image", {"width": 1.0}, "width must be an integer"),
         ("std_msgs/msg/Bool", {"data": 1}, "data must be True or False, got 1"),
         ("std_msgs/msg/String", {"data": "a\0b"}, "text without zero characters"),
+        ("std_msgs/msg/String", {"data": "\udcff"}, "text without zero characters and surrogates"),
         ("geometry_msgs/msg/PoseWithCovariance", {"covariance": [0.0] * 35}, "holds exactly 36 values, got 35"),
     ],
 )  # fmt: skip

@@ -78,9 +78,8 @@ def open_bus(
     if chosen == "rclpy":
         from pieper.ros.rcl import RclWire
 
-        if domain is not None:
-            os.environ["ROS_DOMAIN_ID"] = str(domain)
-        wire, where = RclWire(name, namespace=namespace), f"domain {os.environ.get('ROS_DOMAIN_ID', '0')}"
+        number = os.environ.get("ROS_DOMAIN_ID", "0") if domain is None else domain
+        wire, where = RclWire(name, namespace=namespace, domain=domain), f"domain {number}"
     else:
         from pieper.ros.bare import DdsWire
 

@@ -481,10 +481,11 @@ class Bus:
         if _LEVELS[level] < self._threshold:
             return
         stamp = self.stamp()
+        text = text.encode("utf-8", "replace").decode().replace("\0", " ")  # what a message can carry
         name = f"{self.namespace}/{self.node}".strip("/").replace("/", ".")
         self._print(f"[{level.upper()}] [{stamp['sec']}.{stamp['nanosec']:09d}] [{name}]: {text}")
         if not self._closed:
-            self._rosout.send(stamp=stamp, level=_LEVELS[level], name=name, msg=text.replace("\0", " "))
+            self._rosout.send(stamp=stamp, level=_LEVELS[level], name=name, msg=text)
 
     # Life
 
@@ -606,7 +607,5 @@ class Bus:
         return time.monotonic()
 
     def _print(self, line: str) -> None:
-        with suppress(
-            OSError
-        ):  # a full disk, or a pipe that nobody reads any more: no reason for an arm to lose its node
+        with suppress(OSError, ValueError):  # a full disk, or nobody who reads: the node goes on
             print(line, file=sys.stderr, flush=True)  # noqa: T201  where a node's log goes

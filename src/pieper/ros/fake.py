@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from pieper.errors import RosError
 from pieper.ros.arguments import Arguments, parse
 from pieper.ros.bus import Bus
 
@@ -59,6 +60,7 @@ class _Reader:
     def close(self) -> None:
         if self in self.network.readers:
             self.network.readers.remove(self)
+        self.inbox.clear()
 
 
 @dataclass(eq=False)
@@ -76,6 +78,7 @@ class _Server:
     def close(self) -> None:
         if self in self.network.servers:
             self.network.servers.remove(self)
+        self.inbox.clear()
 
 
 @dataclass(eq=False)
@@ -96,6 +99,7 @@ class _Caller:
 
     def close(self) -> None:
         self.open = False
+        self.inbox.clear()
 
 
 @dataclass(eq=False)
@@ -135,12 +139,16 @@ class FakeNetwork:
 
     def readers_of(self, writer: _Writer) -> list[_Reader]:
         """Readers that hear this writer."""
+        if writer not in self.writers:
+            return []
         return [
             r for r in self.readers if (r.topic, r.type) == (writer.topic, writer.type) and _fits(writer.qos, r.qos)
         ]
 
     def servers_of(self, caller: _Caller) -> list[_Server]:
         """Servers that answer this caller."""
+        if not caller.open:
+            return []
         return [s for s in self.servers if (s.service, s.type) == (caller.service, caller.type)]
 
 
@@ -154,42 +162,49 @@ class _FakeWire:
     def __init__(self, network: FakeNetwork) -> None:
         self.network = network
         self.endpoints: list[Any] = []
-        self.delivered = 0
+        self.open = True
 
     def open_writer(self, topic: str, type_name: str, qos: QoS) -> _Writer:
         writer = _Writer(self.network, topic, type_name, qos, deque(maxlen=qos.depth))
+        self.enter(writer)
         self.network.writers.append(writer)
-        self.endpoints.append(writer)
         return writer
 
     def open_reader(self, topic: str, type_name: str, qos: QoS, deliver: Callable[[bytes], None]) -> _Reader:
         reader = _Reader(self.network, topic, type_name, qos, deliver, deque(maxlen=qos.depth))
+        self.enter(reader)
         self.network.readers.append(reader)
         if qos.transient_local:
             for writer in self.network.writers:
                 if reader in self.network.readers_of(writer):
                     reader.inbox.extend(writer.kept)
-        self.endpoints.append(reader)
         return reader
 
     def open_server(
         self, service: str, type_name: str, answer: Callable[[bytes, Callable[[bytes], None]], None]
     ) -> _Server:
         server = _Server(self.network, service, type_name, answer)
+        self.enter(server)
         self.network.servers.append(server)
-        self.endpoints.append(server)
         return server
 
     def open_caller(self, service: str, type_name: str) -> _Caller:
         caller = _Caller(self.network, service, type_name)
-        self.endpoints.append(caller)
+        self.enter(caller)
         return caller
+
+    def enter(self, endpoint: Any) -> None:
+        if not self.open:
+            raise RosError("the node has left the network")
+        self.endpoints.append(endpoint)
 
     def deliver(self) -> int:
         """Deliver what is there; return how much it was."""
         count = 0
         for endpoint in list(self.endpoints):
             for _ in range(len(getattr(endpoint, "inbox", ()))):
+                if not endpoint.inbox:  # closed by what was delivered
+                    break
                 count += 1
                 item = endpoint.inbox.popleft()
                 if isinstance(endpoint, _Reader):
@@ -217,6 +232,7 @@ class _FakeWire:
         return None
 
     def close(self) -> None:
+        self.open = False
         for endpoint in self.endpoints:
             endpoint.close()
 

@@ -413,8 +413,8 @@ def _scalar(name: str, limit: int, where: str) -> Callable[[Any], Any]:
         def convert(value: Any) -> Any:
             if value is _ABSENT:
                 return ""
-            if not isinstance(value, str) or "\0" in value or (limit and len(value.encode()) > limit):
-                kind = f"text of at most {limit} bytes" if limit else "text without zero characters"
+            if not _is_text(value, limit):
+                kind = f"text of at most {limit} bytes" if limit else "text without zero characters and surrogates"
                 raise RosError(f"{where} must be {kind}, got {value!r:.80}")
             return value
 
@@ -454,6 +454,19 @@ def _scalar(name: str, limit: int, where: str) -> Callable[[Any], Any]:
             return number
 
     return convert
+
+
+def _is_text(value: Any, limit: int) -> bool:
+    """Whether this is text that a message can carry: UTF-8, ended by a zero."""
+    if not isinstance(value, str) or "\0" in value:
+        return False
+    if value.isascii():
+        return not limit or len(value) <= limit
+    try:
+        size = len(value.encode())
+    except UnicodeEncodeError:
+        return False
+    return not limit or size <= limit
 
 
 def _numbers(name: str, fixed: int | None, bound: int | None, where: str) -> Callable[[Any], Any]:

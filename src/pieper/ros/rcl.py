@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
     from pieper.ros.qos import QoS
 
+_MOST_PENDING = 1000
+"""Requests of one client that may be without an answer; then the oldest is given up."""
+
 _INNER = {  # the hidden parts of an action, as rosidl names them
     "SendGoal": "SendGoalService",
     "GetResult": "GetResultService",
@@ -33,6 +36,13 @@ class RclWire:
     ----------
     node, namespace : str
         Full name of the node.
+    domain : int, optional
+        Number of the domain; what ``ROS_DOMAIN_ID`` says, and 0 if it says nothing.
+
+    Attributes
+    ----------
+    is_open : bool
+        False once the node has left the network.
 
     Raises
     ------
@@ -40,7 +50,7 @@ class RclWire:
         rclpy cannot be imported.
     """
 
-    def __init__(self, node: str, *, namespace: str) -> None:
+    def __init__(self, node: str, *, namespace: str, domain: int | None = None) -> None:
         try:
             import rclpy
             from rclpy.context import Context
@@ -50,7 +60,7 @@ class RclWire:
                 "rclpy", "ros", "the rclpy backend (source your ROS 2 first; pip brings it as ros-jazzy-rclpy)"
             ) from error
         self._context = Context()
-        rclpy.init(args=[], context=self._context)
+        rclpy.init(args=[], context=self._context, domain_id=domain)
         self._node = rclpy.create_node(
             node,
             namespace=namespace,
@@ -61,32 +71,42 @@ class RclWire:
         )
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
+        self.is_open = True
+
+    @property
+    def node(self) -> Any:
+        """The node of rclpy.
+
+        Raises
+        ------
+        RosError
+            It has left the network.
+        """
+        if not self.is_open:
+            raise RosError("the node has left the network")
+        return self._node
 
     def open_writer(self, topic: str, type_name: str, qos: QoS) -> _RclWriter:
         """Start sending on a topic."""
-        return _RclWriter(self._node, self._node.create_publisher(_class(type_name), topic, _profile(qos)))
+        return _RclWriter(self, topic, type_name, qos)
 
     def open_reader(self, topic: str, type_name: str, qos: QoS, deliver: Callable[[bytes], None]) -> _RclReader:
         """Start listening to a topic."""
-        return _RclReader(
-            self._node,
-            self._node.create_subscription(_class(type_name), topic, deliver, _profile(qos), raw=True),
-            topic,
-        )
+        return _RclReader(self, topic, type_name, qos, deliver)
 
     def open_server(
         self, service: str, type_name: str, answer: Callable[[bytes, Callable[[bytes], None]], None]
     ) -> _RclServer:
         """Start answering a service."""
-        return _RclServer(self._node, service, type_name, answer)
+        return _RclServer(self, service, type_name, answer)
 
     def open_caller(self, service: str, type_name: str) -> _RclCaller:
         """Start asking a service."""
-        return _RclCaller(self._node, service, type_name)
+        return _RclCaller(self, service, type_name)
 
     def wait(self, timeout: float) -> None:
         """Let rclpy work; it calls back from here."""
-        if self._context.ok():
+        if self.is_open:
             self._executor.spin_once(timeout_sec=timeout)
 
     def wake(self) -> None:
@@ -101,41 +121,69 @@ class RclWire:
         """Leave the network."""
         import rclpy
 
+        if not self.is_open:
+            return
+        self.is_open = False
         self._executor.shutdown(timeout_sec=1.0)
         self._node.destroy_node()
         rclpy.shutdown(context=self._context)
 
 
-class _RclWriter:
-    def __init__(self, node: Any, publisher: Any) -> None:
-        self._node, self._publisher = node, publisher
+class _RclEndpoint:
+    """Something that rclpy has made for a node; when it or the node is closed, rclpy refuses to be asked about it."""
+
+    def __init__(self, wire: RclWire) -> None:
+        self._wire, self._closed = wire, False
+
+    @property
+    def _is_open(self) -> bool:
+        return self._wire.is_open and not self._closed
+
+    def close(self) -> None:
+        if self._is_open:
+            self._closed = True
+            self._destroy()
+
+    def _destroy(self) -> None:
+        raise NotImplementedError
+
+
+class _RclWriter(_RclEndpoint):
+    def __init__(self, wire: RclWire, topic: str, type_name: str, qos: QoS) -> None:
+        super().__init__(wire)
+        self._publisher = wire.node.create_publisher(_class(type_name), topic, _profile(qos))
 
     def write(self, data: bytes) -> None:
-        self._publisher.publish(data)  # bytes are taken for an already serialised message
+        if self._is_open:
+            self._publisher.publish(data)  # bytes are taken for an already serialised message
 
     @property
     def matched(self) -> int:
-        return int(self._publisher.get_subscription_count())
+        return int(self._publisher.get_subscription_count()) if self._is_open else 0
 
-    def close(self) -> None:
-        self._node.destroy_publisher(self._publisher)
+    def _destroy(self) -> None:
+        self._wire.node.destroy_publisher(self._publisher)
 
 
-class _RclReader:
-    def __init__(self, node: Any, subscription: Any, topic: str) -> None:
-        self._node, self._subscription, self._topic = node, subscription, topic
+class _RclReader(_RclEndpoint):
+    def __init__(self, wire: RclWire, topic: str, type_name: str, qos: QoS, deliver: Callable[[bytes], None]) -> None:
+        super().__init__(wire)
+        self._topic = topic
+        self._subscription = wire.node.create_subscription(_class(type_name), topic, deliver, _profile(qos), raw=True)
 
     @property
     def matched(self) -> int:
+        if not self._is_open:
+            return 0
         if hasattr(self._subscription, "get_publisher_count"):
             return int(self._subscription.get_publisher_count())
-        return int(self._node.count_publishers(self._topic))  # older: those of another quality of service, too
+        return int(self._wire.node.count_publishers(self._topic))  # older: those of another quality of service, too
 
-    def close(self) -> None:
-        self._node.destroy_subscription(self._subscription)
+    def _destroy(self) -> None:
+        self._wire.node.destroy_subscription(self._subscription)
 
 
-class _RclServer:
+class _RclServer(_RclEndpoint):
     """A service whose answers may come later.
 
     rclpy sends what a callback returns as soon as it returns. A coroutine could wait, but then, in a mutually exclusive
@@ -146,13 +194,14 @@ class _RclServer:
 
     def __init__(
         self,
-        node: Any,
+        wire: RclWire,
         service: str,
         type_name: str,
         answer: Callable[[bytes, Callable[[bytes], None]], None],
     ) -> None:
         from rclpy.serialization import deserialize_message
 
+        super().__init__(wire)
         service_class = _class(type_name)
 
         def callback(request: Any, _: Any) -> _Promise:
@@ -163,18 +212,16 @@ class _RclServer:
         def send(promise: _Promise, header: Any) -> None:
             promise.then(lambda data: self._send(deserialize_message(data, service_class.Response), header))
 
-        self._node, self._open = node, True
-        self._service = node.create_service(service_class, service, callback, qos_profile=_profile(SERVICES))
+        self._service = wire.node.create_service(service_class, service, callback, qos_profile=_profile(SERVICES))
         self._send_now = self._service.send_response
         self._service.send_response = send
 
     def _send(self, response: Any, header: Any) -> None:
-        if self._open:
+        if self._is_open:
             self._send_now(response, header)
 
-    def close(self) -> None:
-        self._open = False
-        self._node.destroy_service(self._service)
+    def _destroy(self) -> None:
+        self._wire.node.destroy_service(self._service)
 
 
 class _Promise:
@@ -195,27 +242,38 @@ class _Promise:
             use(self._data)
 
 
-class _RclCaller:
-    def __init__(self, node: Any, service: str, type_name: str) -> None:
-        self._node, self._type_name, self._class, self._open = node, type_name, _class(type_name), True
-        self._client = node.create_client(self._class, service, qos_profile=_profile(SERVICES))
+class _RclCaller(_RclEndpoint):
+    def __init__(self, wire: RclWire, service: str, type_name: str) -> None:
+        super().__init__(wire)
+        self._type_name, self._class = type_name, _class(type_name)
+        self._client = wire.node.create_client(self._class, service, qos_profile=_profile(SERVICES))
+        self._pending: dict[Any, None] = {}  # futures, the oldest first
 
     def send(self, request: bytes, deliver: Callable[[bytes], None]) -> None:
         from rclpy.serialization import deserialize_message
 
         def done(future: Any) -> None:
-            if self._open and future.exception() is None and not future.cancelled():
+            self._pending.pop(future, None)
+            if self._is_open and future.exception() is None and not future.cancelled():
                 deliver(_serialized(f"{self._type_name}_Response", future.result()))
 
-        self._client.call_async(deserialize_message(request, self._class.Request)).add_done_callback(done)
+        if not self._is_open:
+            return
+        if len(self._pending) >= _MOST_PENDING:
+            oldest = next(iter(self._pending))
+            del self._pending[oldest]
+            self._client.remove_pending_request(oldest)
+        future = self._client.call_async(deserialize_message(request, self._class.Request))
+        self._pending[future] = None
+        future.add_done_callback(done)
 
     @property
     def ready(self) -> bool:
-        return bool(self._client.service_is_ready())
+        return self._is_open and bool(self._client.service_is_ready())
 
-    def close(self) -> None:
-        self._open = False
-        self._node.destroy_client(self._client)
+    def _destroy(self) -> None:
+        self._pending.clear()
+        self._wire.node.destroy_client(self._client)
 
 
 def _serialized(type_name: str, message: Any) -> bytes:
