@@ -91,8 +91,7 @@ def configuration(domain: int = 0, *, network: bool = False) -> str:
     return (
         '<CycloneDDS><Domain Id="any">'
         f'<General><Interfaces><NetworkInterface name="{escape(LOOPBACK)}"/></Interfaces>'
-        "<AllowMulticast>false</AllowMulticast>"
-        "<MaxMessageSize>65000B</MaxMessageSize><FragmentSize>60000B</FragmentSize></General>"
+        "<AllowMulticast>false</AllowMulticast></General>"
         f"<Discovery><SPDPInterval>{ANNOUNCED}s</SPDPInterval><ParticipantIndex>auto</ParticipantIndex>"
         f"<MaxAutoParticipantIndex>{_last_index(domain)}</MaxAutoParticipantIndex>"
         '<Peers><Peer Address="127.0.0.1"/></Peers></Discovery>'
