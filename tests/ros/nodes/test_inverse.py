@@ -574,6 +574,50 @@ def test_a_moving_arm_is_redirected(fake, mh12):
     assert arm.rests_at(p, SOLVED)
 
 
+@pytest.mark.parametrize("controlled", [True, False])
+@pytest.mark.parametrize("name", ["kr210", "panda", "youbot"])
+def test_a_moving_arm_is_redirected_from_wherever_it_is(fake, name, controlled):
+    """A joint on its way to a limit too, which would pass it on a smooth curve to the new target."""
+    arm = pieper.load(name)
+    lower, upper = arm.limits.T
+    _, user = running(fake, arm)
+    if controlled:
+        Arm(fake, arm)
+    states = user.hears("joint_states", JOINT_STATE)
+    fake.rest(0.05)
+    random = np.random.default_rng(3)
+    for _ in range(40):
+        p = arm.fk(random.uniform(np.maximum(lower, -3.0), np.minimum(upper, 3.0)))[:3, 3]
+        user.target(*p)
+        fake.rest(random.uniform(0.05, 0.5))
+    fake.rest(6.0)
+    assert not [line for line in user.log("inverse") + user.log("controller") if "refused" in line]
+    q, dq = positions(states), np.array([state.velocity for state in states])
+    assert np.linalg.norm(arm.fk(q[-1])[:3, 3] - p) < SOLVED
+    assert ((q >= lower) & (q <= upper)).all()
+    assert (np.abs(dq) <= arm.chain.max_velocity * (1.0 + 1e-9)).all()
+
+
+@pytest.mark.parametrize("name", ["kr210", "panda", "youbot"])
+def test_cancel_stops_a_controller_near_a_limit_too(fake, name):
+    arm = pieper.load(name)
+    lower, upper = arm.limits.T
+    bus, user = running(fake, arm)[0]._bus, User(fake, "canceller")
+    robot = Arm(fake, arm).robot
+    fake.rest(0.05)
+    random = np.random.default_rng(3)
+    cancel = user.bus.client(f"/{bus.node}/cancel", "std_srvs/srv/Trigger")
+    for _ in range(15):
+        user.target(*arm.fk(random.uniform(np.maximum(lower, -3.0), np.minimum(upper, 3.0)))[:3, 3])
+        fake.rest(random.uniform(0.1, 0.5))
+        user.target(*arm.fk(random.uniform(np.maximum(lower, -3.0), np.minimum(upper, 3.0)))[:3, 3])
+        fake.rest(random.uniform(0.1, 0.5))
+        user.bus.call(cancel, 1.0)
+        fake.rest(1.1)  # braking from full speed takes a second
+        assert not robot.is_moving
+    assert not [line for line in user.log("controller") if "refused" in line]
+
+
 def test_cancel_stops_a_controller(fake, mh12):
     _, user = running(fake, mh12)
     arm = Arm(fake, mh12)
