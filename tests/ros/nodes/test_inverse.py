@@ -360,6 +360,19 @@ def test_a_pose_that_violates_every_limit_says_which(fake, mh12):
     )
 
 
+def test_a_flood_of_targets_does_not_flood_the_log(fake, mh12):
+    _, user = running(fake, mh12)
+    states = user.hears("joint_states", JOINT_STATE)
+    for x in np.linspace(0.2, 0.4, 1000):
+        user.target(x, 0.3, 0.3)
+        fake.rest(0.001)
+    fake.rest(3.0)
+    said = user.log(NODE)
+    assert len(said) < 200
+    assert any("targets come too fast to tell of each: 20 a second are told of" in line for line in said)
+    assert np.linalg.norm(mh12.fk(positions(states)[-1])[:3, 3] - [0.4, 0.3, 0.3]) < SOLVED
+
+
 def test_what_runs_goes_on_when_another_target_is_refused(fake, mh12):
     _, user = running(fake, mh12)
     states = user.hears("joint_states", JOINT_STATE)

@@ -53,6 +53,7 @@ _SHORTEST_BRAKING = 1e-3  # s
 _ROOM_TO_BRAKE = 0.8  # of what is left to a limit; a controller's arm is a little further when it hears of it
 _CREEPING = 0.01  # fraction of the velocity limit; no slower joint is braked harder for the sake of its limit
 _FARTHEST = 1e6  # m
+_TOLD_OF = 20  # targets in a second that the log tells of; all are gone to
 _OWN_REMEMBERED = 256  # messages of its own that may still be on their way back
 
 
@@ -162,6 +163,7 @@ class Inverse:
         self._crowded = False
         self._locked: dict[tuple[str, ...], Chain] = {}
         self._unsaid: list[tuple[str, str]] | None = None
+        self._told_since, self._told_of = 0, 0
         self._state = messages.make(JOINT_STATE, name=list(self._joints.names))
         self._states = bus.publisher("joint_states", JOINT_STATE)
         self._commands = bus.publisher("joint_trajectory", TRAJECTORY)
@@ -234,8 +236,14 @@ class Inverse:
             callback(message)
         finally:
             unsaid, self._unsaid = self._unsaid, None
-            for level, text in unsaid:
-                self._bus.log(level, text)
+            if not 0 <= self._bus.now() - self._told_since < 1e9:
+                self._told_since, self._told_of = self._bus.now(), 0
+            self._told_of += 1
+            if self._told_of > _TOLD_OF:
+                self._complaints.say("warn", f"targets come too fast to tell of each: {_TOLD_OF} a second are told of")
+            else:
+                for level, text in unsaid:
+                    self._bus.log(level, text)
 
     def _log(self, level: str, text: str) -> None:
         if self._unsaid is None:
