@@ -9,7 +9,8 @@ answers at once with one of the same kind, so that what is left is the node's ow
 * ``calculate_ik`` of 1000 poses in one call (``pieper ros ik_server``).
 
 Node and echo are asked in turns of a few seconds. The clock is the monotonic one of the asking process, from before the
-message is built until its answer is decoded: twice the way over DDS, and building and reading on both sides.
+message is built until its answer is decoded: twice the way over DDS, and building and reading on both sides. All queues hold 1000 messages (the forward node's default is the reports' 10, which at
+1 kHz is a stall of 10 ms).
 
     python benchmarks/ros_latency.py [--seconds 60] [--rate 1000] [--arm mh12]
 """
@@ -198,7 +199,7 @@ def main() -> None:
         child(sys.executable, "-c", ECHO, str(DOMAIN), ",".join(arm.chain.joint_names)),
     ):
         gc.disable()
-        with node("forward", options.arm, "--ros-args", "-r", "__ns:=/forward"):
+        with node("forward", options.arm, "queue:=1000", "--ros-args", "-r", "__ns:=/forward"):
             figures["joint_states"] = joint_states(bus, arm, options.seconds, options.rate)
         with node("inverse", options.arm, "--ros-args", "-r", "__ns:=/inverse"):
             figures["target"] = targets(bus, arm, 100)

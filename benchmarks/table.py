@@ -456,6 +456,46 @@ def report_loop(data: dict) -> list[str]:
     ]
 
 
+def ros_latency(data: dict) -> list[str]:
+    states, target, poses = (list(data[key].values()) for key in ("joint_states", "target", "calculate_ik"))
+    rows = [
+        [
+            f"joint states in, pose out; {states[1]['messages']:,} messages, {states[1]['lost']} lost",
+            "added: median 0.3 ms, p99 1 ms; none lost",
+            f"{states[0]['median_ms']:.2f}, {states[0]['p99_ms']:.2f} ms",
+            f"{states[1]['median_ms']:.2f}, {states[1]['p99_ms']:.2f} ms",
+            f"{states[1]['added_median_ms']:.2f} ms",
+            f"{states[1]['ratio_to_echo']:.2f}",
+        ],
+        [
+            "target in, first joint state out",
+            "1 ms",
+            f"{target[0]['median_ms']:.2f}, {target[0]['p99_ms']:.2f} ms",
+            f"{target[1]['median_ms']:.2f}, {target[1]['p99_ms']:.2f} ms",
+            f"{target[1]['added_median_ms']:.2f} ms",
+            f"{target[1]['ratio_to_echo']:.2f}",
+        ],
+        [
+            f"`calculate_ik` of {poses[1]['poses']} poses, one call",
+            "30 ms",
+            f"{poses[0]['median_ms']:.1f} ms",
+            f"{poses[1]['median_ms']:.1f} ms",
+            f"{poses[1]['added_median_ms']:.1f} ms",
+            f"{poses[1]['ratio_to_echo']:.2f}",
+        ],
+    ]
+    return [
+        "## ROS nodes on bare DDS",
+        "",
+        "From before the question is built to after the answer is read, in another process: twice the way over DDS. The echo takes the same kind of message and",
+        "answers at once with one of the same kind, so what it takes is the way, and the difference is the node's own work. Milliseconds: median, and 99th percentile.",
+        "",
+        *table(["question", "asked for", "echo", "node", "added, median", "ratio"], rows, left=2),
+        "",
+        origin(data),
+    ]
+
+
 def import_and_size(data: dict) -> list[str]:
     rows = [
         [row["name"], f"{row['milliseconds']['median']:.0f} ms", ", ".join(row["imports"]) or "none"]
@@ -599,11 +639,20 @@ def summary(data: dict[str, dict]) -> list[str]:
     )
 
 
-SECTIONS = (forward_kinematics, single_call, every_solution, numeric_ik, report_loop, import_and_size, public_urdfs)
+SECTIONS = (
+    forward_kinematics,
+    single_call,
+    every_solution,
+    numeric_ik,
+    report_loop,
+    ros_latency,
+    import_and_size,
+    public_urdfs,
+)
 HEAD = """# Benchmarks
 
 One thread everywhere. Candidates take turns and a ratio is taken within the round, because the speed of a machine drifts
-from minute to minute. Times are processor times, but for single calls that list every solution. How to repeat them is told in `benchmarks/README.md`; the
+from minute to minute. Times are processor times, but for single calls that list every solution and for ROS nodes. How to repeat them is told in `benchmarks/README.md`; the
 figures behind this page lie as data in `benchmarks/results/`. This page is written by `benchmarks/table.py`.
 """
 

@@ -133,6 +133,10 @@ class Attacker:
             )
         )
         self.victim.send(rtps.message(talker, rtps.info_destination(victim), lie))
+        if self.draw.random() < 0.3:  # and an announcement with addresses where nobody is
+            time.sleep(0.02)
+            self.victim.send(rtps.templates(talker, victim, writer)[-1])
+            return 4, 0
         return 2, 0
 
     def giants(self) -> tuple[int, int]:
@@ -257,7 +261,11 @@ def main() -> None:
             sent, refused = attack()
             took = talker.hearing(victim, SOON)
             assert victim.alive, f"{name} ended the node with code {victim.process.returncode}"
-            assert took is not None, f"the node is deaf after {name}, and said {victim.deaf[said:]}"
+            assert took is not None, (
+                f"the node does not hear {talker.unheard} after {name}, and said {victim.deaf[said:]}; it has "
+                f"{victim.state['publishers']} publishers on the reliable topic; the talker has "
+                f"{talker.reliable.subscribers} and {talker.sensor.subscribers} subscribers"
+            )
             assert victim.memory < start + MEMORY, (
                 f"the node has grown from {start:.0f} to {victim.memory:.0f} MiB by {name}"
             )
@@ -272,7 +280,7 @@ def main() -> None:
         print(f"{victim.state['undecodable']} samples dropped as undecodable")
     finally:
         print(
-            "| attack | rounds | messages | refused by the sender | said to be deaf | heard again after at most | grew by at most |"
+            "\n| attack | rounds | messages | refused by the sender | said to be deaf | heard again after at most | grew by at most |"
         )
         print("| --- | --- | --- | --- | --- | --- | --- |")
         for name, r in records.items():

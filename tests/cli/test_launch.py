@@ -107,17 +107,17 @@ def test_output_that_is_no_text_is_shown_somehow():
 @pytest.fixture
 def launched(monkeypatch):
     """What would be started, and with which exit code it ends."""
-    started = []
+    asked = []
 
     def run(self, *, started=None):
-        self._show("[INFO] started")
+        asked.append(self._commands)
+        self.say("[INFO] started")
         if started:
             started()
         return 0
 
     monkeypatch.setattr(Launch, "run", run)
-    monkeypatch.setattr(Launch, "__init__", lambda self, c, say: (started.append(c), setattr(self, "_show", say))[0])
-    return started
+    return asked
 
 
 @pytest.mark.parametrize(
@@ -155,6 +155,19 @@ def test_what_is_for_the_nodes_gets_there(pieper_command, launched):
     assert " ".join(launched[0]["inverse"][6:]) == expected
 
 
+def test_the_ends_of_the_arm_are_for_all_that_have_an_arm(pieper_command, launched):
+    assert pieper_command("launch", "forward", "--arm", "ur5e", "--tip", "flange").code == 0
+    assert launched[0]["forward"][5:] == ["ur5e", "--tip", "flange"]
+    assert launched[0]["controller"][5:] == ["ur5e", "--tip", "flange"]
+    assert launched[0]["description"][5:] == ["ur5e"]
+
+
+def test_what_is_next_is_said_with_the_namespace(pieper_command, launched):
+    result = pieper_command("launch", "inverse", "--arm", "mh12", "--ros-args", "-r", "__ns:=/cell2")
+    assert "pieper ros pub /cell2/target geometry_msgs/msg/Point '{x: 0.3" in result.out
+    assert "ros2 topic echo /cell2/joint_states" in result.out
+
+
 @pytest.mark.parametrize(
     ("line", "complaint"),
     [
@@ -162,6 +175,8 @@ def test_what_is_for_the_nodes_gets_there(pieper_command, launched):
         ("inverse", "name the arm, as in: pieper launch inverse --arm mh12"),
         ("inverze --arm mh12", "no mode 'inverze'; did you mean 'inverse'"),
         ("inverse --arm mh13", "did you mean 'mh12'"),
+        ("inverse --arm ur5e --tip tool1", "tool1"),
+        ("inverse --arm ur5e --ros-args -r bad", "a remapping is written 'from:=to'"),
         ("inverse forward --arm mh12", "one mode, got 'inverse' and 'forward'"),
         ("inverse --arm mh12 --ur-type ur5e", "one arm, got 'mh12' and 'ur5e'"),
     ],
@@ -177,3 +192,25 @@ def test_nothing_is_left_of_a_launch():
     before = threading.active_count()
     run({"one": python("print('done')")})
     assert threading.active_count() == before
+
+
+def test_a_reader_that_leaves_ends_all_and_hangs_nothing():
+    """As ``pieper launch ... | head``: the processes go on writing more than a pipe holds, and end when they are asked to."""
+    talker = python("import time\nwhile True:\n    print('x' * 1000, flush=True); time.sleep(0.001)")
+    said = []
+
+    def show(line):
+        if len(said) == 3:
+            raise BrokenPipeError
+        said.append(line)
+
+    assert Launch({"one": talker, "two": python(PATIENT)}, show).run() == 0
+
+
+def test_a_log_that_cannot_be_written_stops_no_arm():
+    """A full disk: the lines are lost, and the processes go on until they end by themselves."""
+
+    def show(_):
+        raise OSError(28, "No space left on device")
+
+    assert Launch({"one": python("import sys; print('x' * 200_000); sys.exit(3)")}, show).run() == 3

@@ -6,6 +6,7 @@ import errno
 import os
 import re
 import shlex
+import subprocess
 import sys
 from importlib.util import find_spec
 
@@ -130,6 +131,18 @@ def test_ros_arguments_arrive_untouched(pieper_command, network):
     assert bus.resolve("joint_states") == "/cell2/joint_states"
 
 
+def test_the_report_s_model_of_the_mh12_moves_the_robot(pieper_command, network):
+    """Its five screws are no robot: with a controller and a description of their own nobody would understand the others."""
+    network.stop_after(0.1)
+    assert pieper_command("ros", "controller", "mh12-report").code == 0
+    assert "Ready to move joint_1_s, joint_2_l, joint_3_u, joint_4_r, joint_5_b, joint_6_t" in network.lines[-1]
+    said = []
+    network.test.subscribe("robot_description", "std_msgs/msg/String", said.append)
+    network.stop_after(0.1)
+    assert pieper_command("ros", "description", "mh12-report").code == 0
+    assert '<robot name="yaskawa_mh12">' in said[0].data
+
+
 @pytest.mark.parametrize(
     ("line", "ours"),
     [
@@ -161,6 +174,12 @@ def test_an_arm_from_a_topic_that_is_silent(pieper_command, network):
     result = pieper_command("ros", "forward", "topic:/robot_description")
     assert result.code == command.BAD_INPUT
     assert "no robot description on /robot_description within 5 s" in result.err
+
+
+def test_a_node_is_ended_while_it_waits_for_its_arm(pieper_command, network):
+    network.stop_after(0.5)
+    result = pieper_command("ros", "forward", "topic:/robot_description")
+    assert (result.code, result.err) == (0, "")
 
 
 def test_description_without_an_arm_passes_on_what_it_hears(pieper_command, network):
@@ -219,6 +238,27 @@ def test_a_missing_extra_has_its_own_code(pieper_command, monkeypatch):
     result = pieper_command("ros", "rotations")
     assert result.code == command.MISSING_PACKAGE
     assert "pip install 'pieper[ros]'" in result.err
+
+
+@pytest.mark.parametrize("package", ["cyclonedds", "rosbags"])
+def test_each_package_of_the_extra_is_named_when_it_is_missing(package):
+    code = (
+        "import sys\n"
+        "from importlib.machinery import PathFinder\n"
+        "class Without(PathFinder):\n"
+        "    @classmethod\n"
+        "    def find_spec(cls, name, *rest):\n"
+        f"        return None if name.partition('.')[0] == {package!r} else PathFinder.find_spec(name, *rest)\n"
+        "sys.meta_path[:] = [Without if finder is PathFinder else finder for finder in sys.meta_path]\n"
+        "from pieper.cli.main import main\n"
+        "sys.exit(main(['ros', 'rotations', '--backend', 'bare']))"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
+    assert result.returncode == command.MISSING_PACKAGE
+    assert (
+        result.stderr
+        == f"pieper: {package} is not installed; a ROS 2 node without ROS needs it: pip install 'pieper[ros]'\n"
+    )
 
 
 def test_a_backend_that_is_not_there(pieper_command):

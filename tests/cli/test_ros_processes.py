@@ -8,7 +8,9 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -75,6 +77,19 @@ def domain():
     return new_domain()
 
 
+def wait_until_gone(pid):
+    """Wait for a process that is no child of this one."""
+    for _ in range(int(LONG / 0.1)):
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            return
+        if Path(f"/proc/{pid}/stat").exists() and Path(f"/proc/{pid}/stat").read_text().split(") ")[1][0] == "Z":
+            return  # it has ended, and nobody asked how
+        time.sleep(0.1)
+    raise AssertionError(f"process {pid} is still there")
+
+
 def test_a_target_from_a_third_process_moves_the_arm(domain):
     """Two nodes and `pieper ros pub`, each a process: the arm ends where the target is."""
     arm = pieper.load("mh12")
@@ -107,7 +122,7 @@ def test_a_target_from_a_third_process_moves_the_arm(domain):
             assert not any("Traceback" in line for line in node.lines)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_a_node_with_code_0(domain, number):
     with Process("ros", "rotations", domain=domain) as node:
         node.wait_for("Ready to convert quaternions")
@@ -143,21 +158,48 @@ def test_a_launch_starts_all_and_a_signal_ends_all(domain):
     assert any("pieper ros call /calculate_ik" in line for line in launch.lines)
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not tell a process that its parent has ended")
-def test_nodes_do_not_outlive_a_launch_that_is_killed(domain):
-    with (
-        Process("launch", "ik", "--arm", "ur5e", domain=domain) as launch,
-        open_bus("listener", backend="bare", domain=domain) as bus,
-    ):
-        heard = bus.subscribe("robot_description", "std_msgs/msg/String", lambda message: None)
-        launch.wait_for("Ready to receive an IK request")
-        assert bus.spin_until(lambda: heard.publishers == 1, timeout=LONG)
-        launch.process.kill()
-        assert bus.spin_until(lambda: heard.publishers == 0, timeout=LONG)
-
-
 def test_a_launch_ends_when_one_node_cannot_start(domain):
     with Process("launch", "inverse", "--arm", "mh12", "method:=guess", domain=domain) as launch:
         assert launch.ended() == 2
     assert any("[inverse-3] pieper: parameter 'method'" in line for line in launch.lines)
     assert any("[ERROR] [inverse-3]: process has died" in line for line in launch.lines)
+
+
+def test_the_nodes_of_a_launch_that_was_killed_end(domain):
+    with Process("launch", "ik", "--arm", "ur5e", domain=domain) as launch:
+        launch.wait_for("Ready to receive an IK request")
+        assert launch.end(signal.SIGKILL) == -signal.SIGKILL
+        started = [line for line in launch.lines if "process started with pid" in line]
+        pids = [int(line.rpartition("[")[2].rstrip("]")) for line in started]
+    assert len(pids) == 2
+    for pid in pids:
+        wait_until_gone(pid)
+
+
+def test_a_closing_terminal_does_not_end_what_nohup_started(domain):
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does, for the processes that are started
+    try:
+        with Process("launch", "ik", "--arm", "ur5e", domain=domain) as launch:
+            launch.wait_for("Ready to receive an IK request")
+            launch.process.send_signal(signal.SIGHUP)
+            with Process("ros", "call", "/calculate_ik", "pieper_interfaces/srv/CalculateIK", domain=domain) as user:
+                assert user.ended() == 0
+            assert launch.end(signal.SIGINT) == 0
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+def test_a_node_outlives_a_log_that_cannot_be_written(domain):
+    """A full disk under its log, or a pipe that nobody reads any more."""
+    arguments = [sys.executable, "-m", "pieper", "ros", "rotations", "--domain", str(domain), "--backend", "bare"]
+    with Path("/dev/full").open("w") as full, subprocess.Popen(arguments, stderr=full) as node:
+        try:
+            wrong = ("ros", "call", "/quat2zyx", "pieper_interfaces/srv/QuatToZYX", "{q: {w: 0.0}}")
+            with Process(*wrong, domain=domain) as user:
+                user.wait_for("data: .nan")
+                assert user.ended() == 0
+            node.send_signal(signal.SIGINT)
+            assert node.wait(LONG) == 0
+        finally:
+            node.kill()

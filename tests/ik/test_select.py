@@ -208,3 +208,15 @@ def test_along_is_for_a_sequence():
     arm = chain("ur5e")
     with pytest.raises(ArrayError, match=r"a sequence of targets \(m, 4, 4\) and one joint vector \(6,\)"):
         select.along(solve(arm, fk(arm, np.zeros(6))), np.zeros(6))
+
+
+def test_a_copy_that_ends_on_a_limit_is_inside_it():
+    arm = chain("kuka_kr210_robond")
+    lower, upper = arm.limits.T
+    q = (lower + upper) / 2
+    q[0] = lower[0]  # -185 deg, whose copy within half a turn is 175 deg
+    answers = solve(arm, fk(arm, np.array([q])))
+    for chosen in (select.along(answers, q)[0], select.nearest(answers, q)[0]):
+        assert chosen[0] == lower[0]
+        np.testing.assert_allclose(fk(arm, chosen), fk(arm, q), atol=1e-9)
+        assert ((lower <= chosen) & (chosen <= upper)).all()

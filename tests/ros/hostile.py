@@ -169,7 +169,9 @@ class Talker:
         """Talk until the victim has heard five more messages on each topic; the seconds that took, or None."""
         self.until(lambda: False, 0.2)  # what was on its way before
         before = dict(victim.state)
-        return self.until(lambda: all(victim.state.get(t, 0) >= before.get(t, 0) + 5 for t in HEARD), seconds)
+        took = self.until(lambda: all(victim.state.get(t, 0) >= before.get(t, 0) + 5 for t in HEARD), seconds)
+        self.unheard = [t for t in HEARD if victim.state.get(t, 0) < before.get(t, 0) + 5]
+        return took
 
     def close(self) -> None:
         self.bus.close()

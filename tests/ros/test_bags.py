@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from sqlite3 import OperationalError
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -347,6 +349,9 @@ def test_what_cannot_be_recorded_is_said(network, tmp_path):
         Recorder(bus, [TARGET], tmp_path / "file" / "bag")
     with pytest.raises(RosError, match="nothing was recorded: no message came on /target"):
         record(bus, [TARGET], tmp_path / "bag", seconds=0.1)
+    for seconds in (0.0, -1.0, float("nan")):
+        with pytest.raises(RosError, match="the seconds of a recording must be positive and finite, got"):
+            record(bus, [TARGET], tmp_path / "bag", seconds=seconds)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "there"]
 
 
@@ -364,6 +369,18 @@ def test_a_full_disk_is_said_and_leaves_nothing(network, tmp_path, monkeypatch):
     assert not bus.errors
     with pytest.raises(RosError, match=r"bag could not be written: .*No space left"):
         recorder.close()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_disk_that_is_full_before_the_first_message_is_said(network, tmp_path, monkeypatch):
+    from rosbags.rosbag2 import Writer
+
+    def full(_):
+        raise OperationalError("database or disk is full")
+
+    monkeypatch.setattr(Writer, "open", full)
+    with pytest.raises(RosError, match="bag cannot be written: database or disk is full"):
+        Recorder(network.bus("recorder"), [TARGET], tmp_path / "bag", storage="sqlite3")
     assert not list(tmp_path.iterdir())
 
 

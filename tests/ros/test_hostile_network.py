@@ -265,7 +265,7 @@ def test_one_forged_datagram_deafens_a_node_for_seconds_only(pair, kind):
     }[kind]
     assert talker.hearing(victim, RECOVERY) is not None
     victim.send(rtps.message(prefix, rtps.info_destination(bytes.fromhex(victim.state["prefix"])), forged))
-    assert talker.until(lambda: len(victim.deaf) > said, RECOVERY) is not None, "deaf and does not say so"
+    assert talker.until(lambda: len(victim.deaf) > said, RECOVERY) is not None, f"deaf and silent: {victim.state}"
     assert any(f"/{topic} arrive and are thrown away" in line for line in victim.deaf[said:])
     assert "participant rebuilt" in victim.deaf[-1]
     assert talker.hearing(victim, RECOVERY) is not None, "deaf after all"
@@ -280,6 +280,22 @@ def test_a_forged_goodbye_is_soon_forgotten(pair):
     goodbye = rtps.parameter(0x71, b"\0\0\0\3") + struct.pack("<HH", 1, 0)
     victim.send(rtps.message(prefix, rtps.data(rtps.SPDP_WRITER, 99, me, rtps.SPDP_READER, goodbye)))
     assert talker.until(lambda: victim.state["publishers"] == 0, RECOVERY) is not None, "it did not believe it"
+    assert talker.hearing(victim, RECOVERY) is not None
+
+
+def test_who_was_announced_with_a_wrong_address_is_met_again(pair):
+    """Cyclone keeps the first addresses that it is told, and so never asks the true one for its topics."""
+    victim, talker = pair
+    said = len(victim.deaf)
+    assert talker.hearing(victim, RECOVERY) is not None
+    prefix = talker.guid(talker.reliable)[:12]
+    me = rtps.parameters(rtps.parameter(0x50, prefix + b"\x00\x00\x01\xc1"))
+    goodbye = rtps.parameter(0x71, b"\0\0\0\3") + struct.pack("<HH", 1, 0)
+    victim.send(rtps.message(prefix, rtps.data(rtps.SPDP_WRITER, 99, me, rtps.SPDP_READER, goodbye)))
+    assert talker.until(lambda: victim.state["publishers"] == 0, RECOVERY) is not None
+    victim.send(rtps.templates(prefix, b"\0" * 12, b"\0\0\1\3")[-1])
+    assert talker.until(lambda: len(victim.deaf) > said, RECOVERY) is not None, f"deaf and silent: {victim.state}"
+    assert any("announces itself, but its topics do not become known" in line for line in victim.deaf[said:])
     assert talker.hearing(victim, RECOVERY) is not None
 
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from typing import Annotated
 
 import typer
 
-from pieper.cli.arguments import load
-from pieper.cli.node import Backend, Domain, Network, ros_arguments
+from pieper.cli.arguments import Base, Tip, load
+from pieper.cli.node import Backend, Domain, Network, endings, ros_arguments
 from pieper.errors import PieperError
 
 _WORDS = {"mode": "MODE", "arm": "--arm", "ur_type": "--ur-type"}
@@ -27,6 +28,8 @@ def launch(
     ur_type: Annotated[
         str | None, typer.Option("--ur-type", metavar="TYPE", help="The same as --arm: ur3 ... ur30.")
     ] = None,
+    base: Base = None,
+    tip: Tip = None,
     backend: Backend = None,
     network: Network = False,
     domain: Domain = None,
@@ -39,27 +42,31 @@ def launch(
     ik: description and ik_server. As in launch files of ROS, mode:=, arm:= and ur_type:= are understood too.
     """
     from pieper.ros import launch as processes
+    from pieper.ros.arguments import parse
 
     modes, settings, parameters = _sorted_words(words or [])
     mode = _one("mode", [*modes, settings.get("mode")], "pieper launch forward --arm mh12")
     name = _one("arm", [arm, ur_type, settings.get("arm"), settings.get("ur_type")], f"pieper launch {mode} --arm mh12")
     chosen = processes.find(mode)
-    joint = load(name).joint_names[0]  # and what cannot be loaded is said once, before anything is started
+    namespace = (parse(ros_arguments(context), node_name="launch").namespace or "").rstrip("/")
+    joint = load(name, base=base, tip=tip).joint_names[
+        0
+    ]  # and what cannot be loaded is said once, before anything is started
+    ends = [*(["--base", base] if base else []), *(["--tip", tip] if tip else [])]
     options = [*(["--backend", backend] if backend else []), *(["--network"] if network else [])]
     options += ["--domain", str(domain)] if domain is not None else []
     ros = [word for parameter in parameters for word in ("-p", parameter)]
     options += [*(["--ros-args", *ros, "--"] if ros else []), *ros_arguments(context)]
 
-    run = processes.Launch(processes.commands(mode, name, options=options), _say)
-    ends = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
-    before = {number: signal.signal(number, lambda *_: run.stop()) for number in ends}
+    run = processes.Launch(processes.commands(mode, name, ends=ends, options=options), _say)
+    before = {number: signal.signal(number, lambda *_: run.stop()) for number in endings()}
 
     def say_what_is_next() -> None:
         for what, without_ros, with_ros in chosen.hints:
-            _say(f"to {what}:")
-            _say(f"  {without_ros.format(joint=joint)}")
-            _say(f"  {with_ros.format(joint=joint)}")
-        _say("to end all: Ctrl-C")
+            run.say(f"to {what}:")
+            for line in (without_ros, with_ros):
+                run.say(f"  {line.format(joint=joint).replace(' /', f' {namespace}/')}")
+        run.say("to end all: Ctrl-C")
 
     try:
         return run.run(started=say_what_is_next)
@@ -69,8 +76,14 @@ def launch(
 
 
 def _say(line: str) -> None:
-    sys.stdout.write(line + "\n")
-    sys.stdout.flush()
+    try:
+        sys.stdout.write(line + "\n")
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(
+            os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
+        )  # what is still in the buffer has to go somewhere
+        raise
 
 
 def _sorted_words(words: list[str]) -> tuple[list[str], dict[str, str], list[str]]:

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
-import sys
+import threading
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperCommand
 
-from pieper.errors import PieperError
-from pieper.ros.launch import LAUNCHED_BY
-
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from pieper.ros.bus import Bus
 
-_PR_SET_PDEATHSIG = 1
 _ROS_ARGUMENTS = "pieper.ros_arguments"
+_LOOK = 1.0  # seconds between looks at whether the launch is still there
 
 Backend = Annotated[
     str | None, typer.Option("--backend", metavar="NAME", help="rclpy or bare; by itself rclpy where it is installed.")
@@ -66,8 +62,15 @@ def ros_arguments(context: typer.Context) -> list[str]:
     return list(context.meta.get(_ROS_ARGUMENTS, ()))
 
 
+def endings() -> tuple[signal.Signals, ...]:
+    """The signals that ask for the end: SIGINT, SIGTERM, and SIGHUP of a terminal that closes, unless nohup has it ignored."""
+    hangup = getattr(signal, "SIGHUP", None)
+    heard = hangup is not None and signal.getsignal(hangup) is not signal.SIG_IGN
+    return (signal.SIGINT, signal.SIGTERM, *((hangup,) if heard else ()))
+
+
 class Ending:
-    """What SIGINT and SIGTERM do while :func:`ending` holds: end the process, or the spin of a bus, with exit code 0."""
+    """What the signals of :func:`endings` do while :func:`ending` holds: end the process, or the spin of a bus, with exit code 0."""
 
     def __init__(self) -> None:
         self.asked = False
@@ -89,24 +92,14 @@ class Ending:
 
 @contextmanager
 def ending() -> Iterator[Ending]:
-    """Take SIGINT and SIGTERM for a wish to end, and not for a failure."""
+    """Take the signals of :func:`endings` for a wish to end, and not for a failure."""
     handler = Ending()
-    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, handler) for number in endings()}
     try:
         yield handler
     finally:
         for number, old in before.items():
             signal.signal(number, old)
-
-
-def _end_with_parent() -> None:
-    """Have a node that was launched end as at SIGTERM when its launch is gone, in whichever way (Linux)."""
-    parent = os.environ.pop(LAUNCHED_BY, "")
-    if not parent or sys.platform != "linux":
-        return
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-    if os.getppid() != int(parent):  # gone meanwhile
-        raise SystemExit(0)
 
 
 @contextmanager
@@ -126,9 +119,27 @@ def joined(
         open_bus(node, arguments=arguments, backend=backend, network=network, domain=domain) as bus,
     ):
         handler.watch(bus)
-        _end_with_parent()
-        try:
+        with _as_long_as_the_launch(bus):
             yield bus
-        except PieperError:
-            if not handler.asked:  # otherwise it is a wait that was cut short
-                raise
+
+
+@contextmanager
+def _as_long_as_the_launch(bus: Bus) -> Iterator[None]:
+    """Stop a node that a launch started when that is gone, be it killed: nobody would end it, or its arm."""
+    from pieper.ros.launch import PARENT
+
+    launch = os.environ.get(PARENT)
+    left = threading.Event()
+
+    def watch() -> None:
+        while not left.wait(_LOOK):
+            if str(os.getppid()) != launch:
+                bus.stop()
+                return
+
+    if launch:
+        threading.Thread(target=watch, daemon=True).start()
+    try:
+        yield
+    finally:
+        left.set()

@@ -11,7 +11,7 @@ from typer.core import TyperGroup
 from pieper.cli import bags, topics
 from pieper.cli.arguments import Base, Nominal, Tip, load
 from pieper.cli.node import Backend, Domain, Network, RosCommand, joined, ros_arguments
-from pieper.errors import PieperError, unknown_name
+from pieper.errors import PieperError, RosError, unknown_name
 from pieper.ros.nodes import NODES
 
 if TYPE_CHECKING:
@@ -68,6 +68,10 @@ def _verb(entry: Entry) -> Callable[..., None]:
         domain: Domain = None,
     ) -> None:
         arm_name, parameters = _sorted_words(entry, words or [])
+        if entry.needs in ("simulator", "robot"):
+            from pieper.ros.nodes.joint_states import WHOLE_ROBOTS
+
+            arm_name = WHOLE_ROBOTS.get(arm_name, arm_name)
         given = [word for parameter in parameters for word in ("-p", parameter)]
         arguments = [*(["--ros-args", *given, "--"] if given else []), *ros_arguments(context)]
 
@@ -91,7 +95,12 @@ def _arm_from_topic(bus: Bus, name: str, *, base: str | None, tip: str | None) -
         return None
     from pieper.ros.nodes.description import arm_from_topic
 
-    return arm_from_topic(bus, topic=name.removeprefix(_TOPIC) or "robot_description", base=base, tip=tip)
+    try:
+        return arm_from_topic(bus, topic=name.removeprefix(_TOPIC) or "robot_description", base=base, tip=tip)
+    except RosError:
+        if bus.ok:
+            raise
+        raise typer.Exit from None  # it was ended while it waited
 
 
 def _start(entry: Entry, bus: Bus, arm: Arm | None) -> object:

@@ -70,8 +70,10 @@ def record(
     Raises
     ------
     RosError
-        The folder exists or cannot be written, a name or type is not known, or no message came at all.
+        The folder exists or cannot be written, a name or type is not known, the time is not positive, or no message came.
     """
+    if seconds is not None and not 0.0 < seconds < float("inf"):
+        raise RosError(f"the seconds of a recording must be positive and finite, got {seconds}")
     recorder = Recorder(bus, topics, path, storage=storage)
     try:
         bus.spin_until(lambda: recorder.failure is not None, timeout=seconds)
@@ -193,7 +195,11 @@ def _new_bag(path: Path, storage: str) -> tuple[Path, Any]:
         raise RosError(f"{path} cannot be written: {error.strerror or error}") from error
     plugin = getattr(rosbag2.StoragePlugin, storage.upper())
     writer = rosbag2.Writer(workplace / path.name, version=_METADATA_VERSION, storage_plugin=plugin)
-    writer.open()
+    try:
+        writer.open()
+    except Exception as error:  # a full disk has as many faces as there are storages
+        shutil.rmtree(workplace, ignore_errors=True)
+        raise RosError(f"{path} cannot be written: {error}") from error
     return workplace, writer
 
 

@@ -15,12 +15,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from pieper.errors import unknown_name
+from pieper.ros.nodes import NODES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-LAUNCHED_BY = "PIEPER_LAUNCHED_BY"
-"""Variable of the environment that tells a node which process has launched it."""
+PARENT = "PIEPER_LAUNCHED_BY"
+"""Environment variable with the process id of a launch: its nodes end when it is gone, however it went."""
 
 _LOOK = 0.05  # seconds between looks at the processes
 _PATIENCE = 5.0  # seconds until a process that was asked to end is ended
@@ -100,7 +101,7 @@ def find(mode: str) -> Mode:
         raise unknown_name("mode", mode, MODES) from None
 
 
-def commands(mode: str, arm: str, *, options: Sequence[str] = ()) -> dict[str, list[str]]:
+def commands(mode: str, arm: str, *, ends: Sequence[str] = (), options: Sequence[str] = ()) -> dict[str, list[str]]:
     """Return the command line of each process of a mode, by its name.
 
     Parameters
@@ -109,6 +110,8 @@ def commands(mode: str, arm: str, *, options: Sequence[str] = ()) -> dict[str, l
         One of :data:`MODES`.
     arm : str
         As on the command line: a built-in robot or a file.
+    ends : sequence of str
+        Where the arm begins and ends, ``--tip LINK``: for every node but the description, which is of the whole robot.
     options : sequence of str
         For every node, ROS arguments last.
 
@@ -119,7 +122,11 @@ def commands(mode: str, arm: str, *, options: Sequence[str] = ()) -> dict[str, l
     description -m pieper ros description ur5e
     ik_server -m pieper ros ik_server ur5e
     """
-    return {node: [sys.executable, "-m", "pieper", "ros", node, arm, *options] for node in find(mode).nodes}
+    pieper_ros = [sys.executable, "-m", "pieper", "ros"]
+    return {
+        node: [*pieper_ros, node, arm, *([] if NODES[node].needs == "robot" else ends), *options]
+        for node in find(mode).nodes
+    }
 
 
 class Launch:
@@ -181,11 +188,11 @@ class Launch:
             encoding="utf-8",
             errors="replace",
             bufsize=1,
-            env={**os.environ, "PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8", LAUNCHED_BY: str(os.getpid())},
+            env={**os.environ, "PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8", PARENT: str(os.getpid())},
             start_new_session=True,  # Ctrl-C comes from here alone, and once
         )
         self._processes[name] = process
-        self._say(f"[INFO] [{name}]: process started with pid [{process.pid}]")
+        self.say(f"[INFO] [{name}]: process started with pid [{process.pid}]")
         reader = threading.Thread(target=self._read, args=(name, process), daemon=True)
         reader.start()
         self._readers.append(reader)
@@ -194,7 +201,7 @@ class Launch:
         assert process.stdout is not None
         with process.stdout as lines, suppress(ValueError):  # closed meanwhile
             for line in lines:
-                self._say(f"[{name}] {line.rstrip()}")
+                self.say(f"[{name}] {line.rstrip()}")
 
     def _look_at_the_ended(self) -> None:
         for name, process in self._processes.items():
@@ -202,9 +209,9 @@ class Launch:
             if code is None:
                 continue
             if code == 0:
-                self._say(f"[INFO] [{name}]: process has finished cleanly [pid {process.pid}]")
+                self.say(f"[INFO] [{name}]: process has finished cleanly [pid {process.pid}]")
                 continue
-            self._say(f"[ERROR] [{name}]: process has died [pid {process.pid}, exit code {code}]")
+            self.say(f"[ERROR] [{name}]: process has died [pid {process.pid}, exit code {code}]")
             self.code = self.code or (code if code > 0 else 128 - code)
 
     def _end_all(self) -> None:
@@ -218,14 +225,20 @@ class Launch:
             except subprocess.TimeoutExpired:
                 process.kill()
                 code = process.wait()
-                self._say(f"[ERROR] [{name}]: did not end within {_PATIENCE:g} s and was killed [pid {process.pid}]")
+                self.say(f"[ERROR] [{name}]: did not end within {_PATIENCE:g} s and was killed [pid {process.pid}]")
             else:
-                self._say(f"[INFO] [{name}]: process has finished cleanly [pid {process.pid}]")
+                self.say(f"[INFO] [{name}]: process has finished cleanly [pid {process.pid}]")
             if code > 0:
                 self.code = self.code or code
         for reader in self._readers:
             reader.join(1.0)
 
-    def _say(self, line: str) -> None:
-        with self._lock:
-            self._show(line)
+    def say(self, line: str) -> None:
+        """Show a line. One that cannot be shown must not end the reader: a process whose output nobody takes would hang."""
+        try:
+            with self._lock:
+                self._show(line)
+        except BrokenPipeError:  # whoever read this has seen enough, as `| head` does
+            self.stop()
+        except OSError:  # a full disk, say: no reason to stop an arm
+            pass

@@ -164,6 +164,17 @@ def test_a_urdf_file_is_published_as_it_is(fake, tmp_path):
     assert serving(fake, text).text == text
 
 
+def test_a_urdf_file_in_another_encoding_is_written_in_that_of_messages(fake, tmp_path):
+    text = urdf_text("ur5e").partition("\n")[2]
+    file = tmp_path / "arm.urdf"
+    file.write_bytes(
+        f"<?xml version='1.0' encoding='iso-8859-1'?>\n<!-- brazo del año -->\n{text}".encode("iso-8859-1")
+    )
+    node = Description(fake.join("description"), str(file))
+    assert "iso-8859-1" not in node.text
+    assert arm_from_text(node.text, source="here").joint_names == pieper.load("ur5e").joint_names
+
+
 def test_an_arm_without_a_description_is_written_as_one(fake):
     chain = pieper.load("ur5e").chain
     node = serving(fake, pieper.load(chain))

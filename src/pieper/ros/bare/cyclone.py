@@ -135,15 +135,20 @@ def user_data_of_writer(reader: Entity, writer: int) -> bytes | None:
 def _user_data(endpoint: Any) -> bytes | None:
     if not endpoint:
         return None
-    value, size = c.c_void_p(), c.c_size_t()
     try:
-        if not _get_user_data(endpoint.contents.qos, value, size) or value.value is None:
-            return b""
-        data = c.string_at(value, size.value)
-        _free(value)
-        return data
+        return user_data(endpoint.contents.qos)
     finally:
         _free_endpoint(endpoint)
+
+
+def user_data(qos: Any) -> bytes:
+    """Return what an entity tells of itself, from its policies in C."""
+    value, size = c.c_void_p(), c.c_size_t()
+    if not _get_user_data(qos, value, size) or value.value is None:
+        return b""
+    data = c.string_at(value, size.value)
+    _free(value)
+    return data
 
 
 def checked(code: int, doing: str) -> int:

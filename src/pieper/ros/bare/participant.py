@@ -56,6 +56,7 @@ class Participant:
         except DDSException as error:
             raise RosError(f"Cyclone DDS could not make a participant in domain {domain}: {error}") from error
         watchdog.start(self._domain)
+        watchdog.meet(self.dds)
         self._topics: dict[str, Any] = {}
         self._waitset: Any = WaitSet(self.dds)
         self._guard: Any = GuardCondition(self.dds)

@@ -1,4 +1,4 @@
-"""Whether this process still hears what it should: two ways to go deaf in DDS, and what tells of each.
+"""Whether this process still hears what it should: three ways to go deaf in DDS, and what tells of each.
 
 *The receive thread stands still.* Then the same datagram stays at the head of a receive queue. `Watchdog` sends each queue a
 datagram of its own, so that there is one, and looks at the head.
@@ -8,7 +8,10 @@ sequence number far ahead, in the name of a writer) makes Cyclone throw away eve
 The reader stays matched and the application hears nothing. But Cyclone counts what it throws away: the count grows while a
 matched writer is silent.
 
-Both are healed by closing the domain, opening it again and creating every entity anew: peers then see a new participant, and
+*A participant stays a stranger.* It announces itself, but what it sends and hears never becomes known: a forged announcement gave it
+an address where nobody is, or its tellings were numbered wrong like the samples above. `peers.Peers` knows those.
+
+All are healed by closing the domain, opening it again and creating every entity anew: peers then see a new participant, and
 announce everything to it. To leave the domain open and make a new participant is not enough: Cyclone keeps what it knows of the
 writers for all participants of a process. A receive thread that stands still may hold up the closing for ever; then only a new
 process heals, and `loopback.close_domain` says so.
@@ -31,11 +34,12 @@ from cyclonedds.core import DDSException, Statistics
 from cyclonedds.internal import dds_c_t
 
 from pieper.ros.bare import loopback
+from pieper.ros.bare.peers import Peers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from cyclonedds.domain import Domain
+    from cyclonedds.domain import Domain, DomainParticipant
     from cyclonedds.sub import DataReader
 
 STILL = 4
@@ -47,8 +51,15 @@ LOST = 2
 FORGIVEN = 5.0, 600.0
 """Seconds without anything thrown away after which a suspicion ends, when some and when all writers are silent."""
 
+CHANCES = 3
+"""Alarms about one and the same stranger: it may be one that neither sends nor hears anything."""
+
 PATIENCE = 1.0, 8.0
 """Seconds from one alarm to the next, at first and at most: doubled by every alarm, and reset after twice as long a peace."""
+
+
+_STRANGERS = 10_000
+"""So many are remembered."""
 
 
 @dataclass(eq=False)
@@ -148,6 +159,8 @@ class Watchdog:
         self._domain: Domain | None = None
         self._ears: list[Ear] = []
         self._queues: list[_Queue] = []
+        self._peers: Peers | None = None
+        self._chances: dict[bytes, int] = {}
         self._knocks = 0
         self._knocker: socket.socket | None = None
         self._since = clock()
@@ -163,9 +176,13 @@ class Watchdog:
         self._knocker.setblocking(False)
         self._queues = [_Queue(one) for one in loopback.receivers(self._number)]
 
+    def meet(self, participant: DomainParticipant) -> None:
+        """Watch whom a participant of the domain gets to know."""
+        self._peers = Peers(participant)
+
     def stop(self) -> None:
         """Let go of sockets and readers; to be called before the domain is closed."""
-        self._domain = None
+        self._domain = self._peers = None
         self._ears.clear()
         if self._knocker is not None:
             self._knocker.close()
@@ -209,6 +226,12 @@ class Watchdog:
         quiet = now - self._alarm > 2 * PATIENCE[1]
         self._patience = PATIENCE[0] if quiet else min(2 * self._patience, PATIENCE[1])
         self._alarm = now
+        if self._peers is not None:
+            self._chances = {guid: count for guid, count in self._chances.items() if not self._peers.knows(guid)}
+            for guid in self._peers.strangers(now):
+                self._chances[guid] = self._chances.get(guid, 0) + 1
+            while len(self._chances) > _STRANGERS:
+                del self._chances[next(iter(self._chances))]
         return f"{reason}; for {now - self._since:.1f} s or longer"
 
     def _look(self) -> str | None:
@@ -219,6 +242,10 @@ class Watchdog:
             return f"nothing is taken from the receive queue of UDP port {still[0].port}"
         if lost:
             return f"samples on {lost[0].name} arrive and are thrown away as older than what their writer is said to have sent"
+        strangers = [] if self._peers is None else self._peers.strangers(self._clock())
+        strangers = [guid for guid in strangers if self._chances.get(guid, 0) < CHANCES]
+        if strangers:
+            return f"participant {strangers[0].hex()} announces itself, but its topics do not become known"
         return None
 
     def _knock(self) -> None:

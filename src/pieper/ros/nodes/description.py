@@ -7,6 +7,7 @@ those that come late: latched, and sent again from time to time for subscribers 
 from __future__ import annotations
 
 import warnings
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -108,7 +109,7 @@ class Description:
 
 
 def urdf_text(robot: Arm | str | os.PathLike[str]) -> str:
-    """Return the URDF of a robot: a file or a text that is one as it is, anything else written as one.
+    """Return the URDF of a robot: a file in UTF-8 or a text that is one as it is, anything else written as one.
 
     Raises
     ------
@@ -125,7 +126,8 @@ def urdf_text(robot: Arm | str | os.PathLike[str]) -> str:
         if isinstance(robot, str) and _is_xml(robot) and not is_xacro(robot):
             return robot
         if Path(robot).suffix == ".urdf":
-            return Path(robot).read_text(encoding="utf-8")
+            with suppress(UnicodeDecodeError):  # messages are UTF-8; a file in another encoding is written anew
+                return Path(robot).read_text(encoding="utf-8")
     return as_urdf(arm.description or arm.chain)
 
 

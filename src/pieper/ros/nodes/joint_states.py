@@ -32,6 +32,9 @@ NOT_ENOUGH = "JointState no contiene suficientes posiciones y no se encontraron 
 _TURNED = {"joint_5_b_inverted": "joint_5_b"}
 _HELD_BEFORE = {"joint_5_b_inverted": "joint_4_r"}
 
+WHOLE_ROBOTS = {"mh12-report": "mh12"}
+"""Arms that are a model of some joints of a robot, and the robot that moves and has links: what a controller or a description is of."""
+
 
 def on_network(joint: str) -> tuple[str, float]:
     """Name of a joint on the network and the sign of its value there.
