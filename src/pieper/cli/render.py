@@ -101,7 +101,7 @@ def render(
         move = files.read(trajectory).in_order(robot.joint_names)
     picture.add_arm(robot, start if move is None else move, trace=move is not None, **shown)
     if move is not None and not film:
-        picture.add_arm(robot, move.q[0], opacity=_GHOST, color=picture.arms[0].color, meshes=meshes)
+        picture.add_arm(robot, move.q[0], opacity=_GHOST, color=picture.stage.arms[0].color, meshes=meshes)
     if film:
         _save_film(picture, out, fps=fps, speed=speed, hold=hold)
     else:
@@ -197,4 +197,4 @@ def _save_film(picture: Picture, out: Path, *, fps: float | None, speed: float, 
 
 
 def _pixels(picture: Picture) -> str:
-    return "{} x {} pixels".format(*picture.size)
+    return "{} x {} pixels".format(*picture.stage.size)

@@ -17,14 +17,15 @@ from numpy.typing import NDArray
 
 from pieper.kinematics.fk import fk, fk_frames
 from pieper.sim.offscreen import Offscreen, Pixels, import_mujoco, import_pillow
-from pieper.sim.picture import AXIS_COLORS, rgb
+from pieper.sim.stage import AXIS_COLORS, rgb
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from pieper.sim.picture import Image, Picture, ShownArm
+    from pieper.sim.stage import ShownArm, Stage
 
 FloatArray = NDArray[np.float64]
+Image = NDArray[np.uint8]
 
 _FIELD_OF_VIEW = float(np.radians(30.0))  # up and down; a lens of 80 mm
 _MARGIN = 1.12
@@ -34,7 +35,7 @@ _SHOWS_THROUGH = 0.55  # of a frame behind something
 _SOLID = 0.999
 _NOT_DRAWN = 5  # a group of MuJoCo's
 # as fractions of the size of what is shown
-_ARROW, _ARROW_WIDTH = 0.12, 0.006
+_ARROW, _ARROW_WIDTH = 0.09, 0.006
 _AXIS, _AXIS_WIDTH = 0.13, 0.0028
 _LINE_WIDTH = 0.0035
 
@@ -68,14 +69,14 @@ class _Name(NamedTuple):
 
 
 @contextmanager
-def drawing(picture: Picture) -> Iterator[Callable[[float], Image]]:
+def drawing(stage: Stage) -> Iterator[Callable[[float], Image]]:
     """A function that draws a picture at a time [s]; on leaving, the graphics memory is freed."""
-    scale, center, corners = _extent(picture)
-    factor = 2 if picture.smooth else 1
-    width, height = (factor * side for side in picture.size)
-    camera = _fitted(corners, center, picture.view, picture.size)
-    floor = min(0.0, float(corners[:, 2].min())) if len(picture.arms) else 0.0
-    model, owners = _model(picture, scale, camera, center, floor, (width, height))
+    scale, center, corners = _extent(stage)
+    factor = 2 if stage.smooth else 1
+    width, height = (factor * side for side in stage.size)
+    camera = _fitted(corners, center, stage.view, stage.size)
+    floor = min(0.0, float(corners[:, 2].min())) if len(stage.arms) else 0.0
+    model, owners = _model(stage, scale, camera, center, floor, (width, height))
     mujoco = import_mujoco()
     data = mujoco.MjData(model)
     option = mujoco.MjvOption()
@@ -83,8 +84,8 @@ def drawing(picture: Picture) -> Iterator[Callable[[float], Image]]:
     seen = mujoco.MjvCamera()
     seen.type = mujoco.mjtCamera.mjCAMERA_FIXED
     seen.fixedcamid = 0
-    traces = [_trace(arm) * scale for arm in picture.arms if arm.trace]
-    lines = [(line.points * scale, line.color) for line in picture.lines]
+    traces = [_trace(arm) * scale for arm in stage.arms if arm.trace]
+    lines = [(line.points * scale, line.color) for line in stage.lines]
     lines += [(points, "#d6336c") for points in traces]
 
     with Offscreen(model, width, height) as target:
@@ -104,14 +105,14 @@ def drawing(picture: Picture) -> Iterator[Callable[[float], Image]]:
             return target.draw()
 
         def draw(t: float) -> Image:
-            _move(picture, data, t, scale, mujoco)
-            solid = {-1} | {k for k, arm in enumerate(picture.arms) if arm.opacity >= _SOLID}
+            _move(stage, data, t, scale, mujoco)
+            solid = {-1} | {k for k, arm in enumerate(stage.arms) if arm.opacity >= _SOLID}
             pixels = layer(solid, [], alone=False)
             colors, depth = pixels.colors.astype(np.float32), pixels.depth
             ghosts = [
-                (arm.opacity, layer({k}, [], alone=True)) for k, arm in enumerate(picture.arms) if arm.opacity < _SOLID
+                (arm.opacity, layer({k}, [], alone=True)) for k, arm in enumerate(stage.arms) if arm.opacity < _SOLID
             ]
-            strokes, names = _marks(picture, t, scale, lines)
+            strokes, names = _marks(stage, t, scale, lines)
             nearest = depth
             colors = _with_ghosts(colors, depth, ghosts)
             for _, ghost in ghosts:
@@ -122,13 +123,13 @@ def drawing(picture: Picture) -> Iterator[Callable[[float], Image]]:
                 weight = np.where(marks.depth <= nearest + 1e-7, 1.0, _SHOWS_THROUGH) * there
                 colors += weight[..., None].astype(np.float32) * (marks.colors - colors)
             image = _shrunk(colors, factor)
-            return _written(image, picture, names, camera, scale)
+            return _written(image, stage, names, camera, scale)
 
         yield draw
 
 
 def _with_ghosts(colors: NDArray[np.float32], depth: NDArray[np.float32], ghosts: list[tuple[float, Pixels]]) -> Any:
-    """Lay ghosts over a picture, the farthest first at every pixel."""
+    """Lay ghosts over a stage, the farthest first at every pixel."""
     if not ghosts:
         return colors
     depths = np.stack([ghost.depth for _, ghost in ghosts])
@@ -154,11 +155,11 @@ def _shrunk(colors: NDArray[np.float32], factor: int) -> Image:
 # what there is to see, and from where
 
 
-def _extent(picture: Picture) -> tuple[float, FloatArray, FloatArray]:
+def _extent(stage: Stage) -> tuple[float, FloatArray, FloatArray]:
     """The factor from metres to the unit of the drawing, the middle, and points around everything, both in that unit."""
-    points = [frame.T_base_frame[None, :3, 3] for frame in picture.frames()]
-    points += [line.points for line in picture.lines]
-    for arm in picture.arms:
+    points = [frame.T_base_frame[None, :3, 3] for frame in stage.frames(0.0)]
+    points += [line.points for line in stage.lines]
+    for arm in stage.arms:
         times = np.linspace(0.0, arm.motion.duration, 1 if arm.motion.duration == 0.0 else _TIMES_LOOKED_AT)
         Ts = fk_frames(arm.chain, arm.motion.sample(arm.motion.t[0] + times).q, frames=range(len(arm.chain.screws) + 1))
         for body in arm.bodies:
@@ -172,7 +173,7 @@ def _extent(picture: Picture) -> tuple[float, FloatArray, FloatArray]:
     scale = 1.0 / size if size > 0.0 else 1.0
     reach = [
         frame.T_base_frame[:3, 3] * scale + s * _ARROW * frame.T_base_frame[:3, k]
-        for frame in picture.frames()
+        for frame in stage.frames(0.0)
         for k in range(3)
         for s in (1.0,)
     ]
@@ -219,11 +220,11 @@ def grid_width(size: float) -> float:
 
 
 def _model(
-    picture: Picture, scale: float, camera: _Camera, center: FloatArray, floor: float, size: tuple[int, int]
+    stage: Stage, scale: float, camera: _Camera, center: FloatArray, floor: float, size: tuple[int, int]
 ) -> tuple[Any, list[int]]:
     """A MuJoCo model in which every link is a body that is put where it belongs; and to which arm each geom belongs, -1 the floor."""
     mujoco = import_mujoco()
-    theme = picture.theme
+    theme = stage.theme
     spec = mujoco.MjSpec()
     spec.visual.global_.offwidth, spec.visual.global_.offheight = size
     spec.visual.quality.offsamples = 0
@@ -249,7 +250,7 @@ def _model(
         diffuse=[0.42] * 3, specular=[0.1] * 3, castshadow=True,
     )  # fmt: skip
     owners = []
-    if picture.grid:
+    if stage.grid:
         cell = grid_width(1.0 / scale) * scale
         spec.add_texture(
             name="grid", type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
@@ -265,7 +266,7 @@ def _model(
             pos=[0.5 * cell, 0.5 * cell, floor - 1e-4], contype=0, conaffinity=0,
         )  # fmt: skip
         owners.append(-1)
-    for k, arm in enumerate(picture.arms):
+    for k, arm in enumerate(stage.arms):
         bodies = {}
         for number, body in enumerate(arm.bodies):
             if body.link not in bodies:
@@ -292,10 +293,10 @@ def _quaternion(R: FloatArray, mujoco: Any) -> FloatArray:
     return quaternion
 
 
-def _move(picture: Picture, data: Any, t: float, scale: float, mujoco: Any) -> None:
+def _move(stage: Stage, data: Any, t: float, scale: float, mujoco: Any) -> None:
     """Put every link where it is at a time."""
     model = data.model
-    for k, arm in enumerate(picture.arms):
+    for k, arm in enumerate(stage.arms):
         Ts = fk_frames(arm.chain, arm.joints(t), frames=range(len(arm.chain.screws) + 1))
         for link in {body.link for body in arm.bodies}:
             mocap = int(model.body(f"{k}/{link}").mocapid[0])
@@ -309,16 +310,16 @@ def _move(picture: Picture, data: Any, t: float, scale: float, mujoco: Any) -> N
 
 
 def _marks(
-    picture: Picture, t: float, scale: float, lines: list[tuple[FloatArray, str]]
+    stage: Stage, t: float, scale: float, lines: list[tuple[FloatArray, str]]
 ) -> tuple[list[_Stroke], list[_Name]]:
     strokes, names = [], []
-    for frame in picture.frames(t):
+    for frame in stage.frames(t):
         origin = frame.T_base_frame[:3, 3] * scale
         for k, color in enumerate(AXIS_COLORS):
             strokes.append(_Stroke(origin, origin + _ARROW * frame.T_base_frame[:3, k], _ARROW_WIDTH, color, True))
         if frame.label:
             names.append(_Name(frame.label, origin))
-    for arm in picture.arms:
+    for arm in stage.arms:
         if not arm.axes:
             continue
         for name, point, direction in axes_at(arm, t):
@@ -358,16 +359,17 @@ def _put(scene: Any, stroke: _Stroke, mujoco: Any) -> None:
     kind = mujoco.mjtGeom.mjGEOM_ARROW if stroke.arrow else mujoco.mjtGeom.mjGEOM_CAPSULE
     color = np.array([*rgb(stroke.color), 1.0], dtype=np.float32)
     mujoco.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.eye(3).ravel(), color)
-    mujoco.mjv_connector(geom, kind, stroke.width, stroke.start, stroke.end)
+    far = stroke.start + 2.0 * (stroke.end - stroke.start) if stroke.arrow else stroke.end  # an arrow ends half way
+    mujoco.mjv_connector(geom, kind, stroke.width, stroke.start, far)
     geom.emission = 0.5
     scene.ngeom += 1
 
 
-def _written(image: Image, picture: Picture, names: list[_Name], camera: _Camera, scale: float) -> Image:
+def _written(image: Image, stage: Stage, names: list[_Name], camera: _Camera, scale: float) -> Image:
     """The picture with names beside what they name, none over another, and the width of the grid in a corner."""
-    size = picture.size
+    size = stage.size
     notes = []
-    if picture.grid:
+    if stage.grid:
         notes.append(f"grid {grid_width(1.0 / scale):g} m")
     if not names and not notes:
         return image
@@ -377,7 +379,7 @@ def _written(image: Image, picture: Picture, names: list[_Name], camera: _Camera
     canvas = pillow.fromarray(image)
     pen = ImageDraw.Draw(canvas)
     font = ImageFont.load_default(max(9.0, 0.019 * size[1]))
-    text, halo = picture.theme.text, picture.theme.halo
+    text, halo = stage.theme.text, stage.theme.halo
     taken: list[tuple[float, float, float, float]] = []
     spots = sorted(((*camera.pixel(name.at, size), name.text) for name in names), key=lambda spot: spot[1])
     for x, y, words in spots:
@@ -387,12 +389,12 @@ def _written(image: Image, picture: Picture, names: list[_Name], camera: _Camera
         taken.append(box)
         beside = (box[0] if box[0] > x else box[2], 0.5 * (box[1] + box[3]))
         if np.hypot(beside[0] - x, beside[1] - y) > 0.9 * h:
-            pen.line([(x, y), beside], fill=picture.theme.metal, width=1)
+            pen.line([(x, y), beside], fill=stage.theme.metal, width=1)
         pen.text((box[0] - left, box[1] - top), words, font=font, fill=text, stroke_width=2, stroke_fill=halo)
     for note in notes:
         small = ImageFont.load_default(max(9.0, 0.016 * size[1]))
         bottom = pen.textbbox((0, 0), note, font=small)[3]
-        pen.text((8, size[1] - bottom - 7), note, font=small, fill=picture.theme.metal)
+        pen.text((8, size[1] - bottom - 7), note, font=small, fill=stage.theme.metal)
     return np.array(canvas)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from contextlib import closing
+import contextlib
+import subprocess
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +27,7 @@ FORMATS = (".mp4", ".gif")
 MOST_FRAMES = 100_000
 """Longer films are refused: an hour at 25 frames per second takes hours to draw."""
 
+_CODEC = "libx264"
 _GIF_TICK = 0.01  # [s] the unit of time in GIF files
 _GIF_FASTEST = 50.0  # frames per second; browsers slow down what is faster
 
@@ -105,11 +108,14 @@ def save(
     times = frame_times(picture.duration, fps=rate, speed=speed, hold=hold)
     if suffix == ".gif" and rate > _GIF_FASTEST:
         raise ArrayError(f"a GIF film shows at most {_GIF_FASTEST:g} frames per second, got fps = {rate:g}")
-    with replacing(file) as unfinished, closing(_told(picture.images(times), len(times), progress)) as images:
+    with (
+        replacing(file) as unfinished,
+        contextlib.closing(_told(picture.images(times), len(times), progress)) as images,
+    ):
         if suffix == ".gif":
             _write_gif(images, unfinished, rate, len(times))
         else:
-            _write_mp4(images, unfinished, rate, picture.size)
+            _write_mp4(images, unfinished, rate, picture.stage.size)
     return len(times)
 
 
@@ -125,31 +131,38 @@ def _told(
 
 
 def _write_mp4(images: Iterator[Image], file: Path, fps: float, size: tuple[int, int]) -> None:
-    ffmpeg = _import_ffmpeg()
     width, height = (side + side % 2 for side in size)
-    settings = ["-crf", "20", "-preset", "medium", "-movflags", "+faststart", "-tune", "animation"]
-    writer = ffmpeg.write_frames(
-        str(file), (width, height), fps=fps, codec="libx264", pix_fmt_in="rgb24", pix_fmt_out="yuv420p", quality=None,
-        macro_block_size=2, ffmpeg_log_level="error", output_params=settings,
-    )  # fmt: skip
-    with closing(writer):
-        writer.send(None)
-        for image in images:
-            padded = np.pad(image, ((0, height - image.shape[0]), (0, width - image.shape[1]), (0, 0)), mode="edge")
-            try:
-                writer.send(np.ascontiguousarray(padded))
-            except OSError as cause:
-                raise PieperError(f"FFmpeg stopped: {' '.join(str(cause).split())[:300]}") from cause
-    if not file.is_file():
-        raise PieperError("FFmpeg wrote no film")
+    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", repr(float(fps)), "-i", "pipe:0"]
+    film = ["-c:v", _CODEC, "-pix_fmt", "yuv420p", "-crf", "20", "-preset", "medium", "-movflags", "+faststart"]
+    command = [_ffmpeg(), "-y", "-nostdin", "-loglevel", "error", *raw, "-an", *film, str(file.absolute())]
+    with tempfile.TemporaryFile() as complaints:
+        # A session of its own: Ctrl-C is ours to deal with, and ends it below.
+        encoder = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=complaints, start_new_session=True
+        )
+        try:
+            with contextlib.suppress(BrokenPipeError):  # it has left, and its exit code says so
+                assert encoder.stdin is not None
+                with encoder.stdin as frames:
+                    for image in images:
+                        missing = ((0, height - image.shape[0]), (0, width - image.shape[1]), (0, 0))
+                        frames.write(np.pad(image, missing, mode="edge").tobytes())
+            code = encoder.wait()
+        finally:
+            encoder.kill()
+            encoder.wait()
+        if code != 0:
+            complaints.seek(0)
+            words = " ".join(complaints.read().decode(errors="replace").split())
+            raise PieperError(f"FFmpeg stopped with exit code {code}: {words[:300]}")
 
 
-def _import_ffmpeg() -> Any:
+def _ffmpeg() -> str:
     try:
         import imageio_ffmpeg
     except ModuleNotFoundError as cause:
         raise MissingExtraError("imageio-ffmpeg", "sim", "writing an MP4 film") from cause
-    return imageio_ffmpeg
+    return str(imageio_ffmpeg.get_ffmpeg_exe())
 
 
 def _write_gif(images: Iterator[Image], file: Path, fps: float, count: int) -> None:
@@ -164,4 +177,5 @@ def _write_gif(images: Iterator[Image], file: Path, fps: float, count: int) -> N
         for image in images:
             yield pillow.fromarray(image).quantize(palette=first, dither=pillow.Dither.NONE)  # one palette: no flicker
 
-    first.save(file, format="GIF", save_all=True, append_images=others(), duration=lasting, loop=0)
+    with file.open("wb") as binary:
+        first.save(binary, format="GIF", save_all=True, append_images=others(), duration=lasting, loop=0)

@@ -14,7 +14,7 @@ from pieper.model import shape
 from pieper.model.description import Mesh
 from pieper.model.shape import Triangles
 from pieper.sim.offscreen import import_mujoco
-from pieper.sim.picture import Body
+from pieper.sim.stage import Body
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

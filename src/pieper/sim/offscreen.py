@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 PURPOSE = "drawing pictures without a screen"
-LARGEST_SIDE = 8192  # pixels; llvmpipe and most cards stop at 16384
+LARGEST_SIDE = 4096  # pixels; twice as many are drawn for smooth edges, and graphics cards stop at 16384
 
 _PACKAGES = {"egl": "libegl1 libgl1-mesa-dri", "osmesa": "libosmesa6"}
 

@@ -9,21 +9,35 @@ Frames are drawn as in most books: x red, y green, z blue. They show through the
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pieper.arm import Arm
 from pieper.errors import ArrayError, unknown_name
-from pieper.kinematics.fk import fk_frames
 from pieper.kinematics.joints import as_joints
 from pieper.model import shape
 from pieper.motion.files import replacing
 from pieper.motion.trajectory import Trajectory
+from pieper.sim.drawing import drawing
+from pieper.sim.meshes import bodies_of_description
 from pieper.sim.offscreen import LARGEST_SIDE, import_pillow
+from pieper.sim.stage import (
+    ARM_COLORS,
+    AXIS_COLORS,
+    THEMES,
+    VIEWS,
+    Body,
+    ShownArm,
+    ShownFrame,
+    ShownLine,
+    Stage,
+    Theme,
+    mixed,
+    rgb,
+)
 from pieper.spatial._checks import stack
 
 if TYPE_CHECKING:
@@ -35,83 +49,7 @@ if TYPE_CHECKING:
     from pieper.model.chain import Chain
     from pieper.model.shape import Triangles
 
-FloatArray = NDArray[np.float64]
 Image = NDArray[np.uint8]
-
-VIEWS = {
-    "corner": (-50.0, 18.0),
-    "front": (0.0, 8.0),
-    "back": (180.0, 8.0),
-    "left": (90.0, 8.0),
-    "right": (-90.0, 8.0),
-    "top": (-90.0, 89.0),
-}
-"""Where one looks from: degrees about the vertical, from the x axis of the base, and degrees above the horizon."""
-
-ARM_COLORS = ("#f28c28", "#2f7fd1", "#3aa655", "#b5485d", "#8a63c7", "#c9a227")
-"""Colours of the first arm, the second, ..."""
-
-AXIS_COLORS = ("#e5322d", "#2fa84f", "#2b6be4")
-"""x, y and z of a frame."""
-
-
-class Theme(NamedTuple):
-    """Colours of what is not the arm."""
-
-    background: str
-    floor: str
-    lines: str
-    metal: str
-    text: str
-    halo: str
-
-
-THEMES = {
-    "light": Theme("#f5f6f8", "#eceef1", "#cfd4da", "#41464d", "#1b1f24", "#ffffff"),
-    "dark": Theme("#15181d", "#1d2127", "#363d47", "#8b949e", "#f0f3f6", "#15181d"),
-}
-
-
-@dataclass(frozen=True, eq=False)
-class ShownArm:
-    """An arm in a picture, and how it is shown."""
-
-    chain: Chain
-    motion: Trajectory
-    color: str
-    opacity: float
-    frames: tuple[str | int, ...]
-    axes: bool
-    trace: bool
-    labels: bool
-    bodies: tuple[Body, ...]
-
-    def joints(self, t: float) -> FloatArray:
-        """(n,) joint values at a time [s] from the beginning of the motion."""
-        return self.motion.sample(self.motion.t[0] + t).q
-
-
-class Body(NamedTuple):
-    """A surface in the frame ``chain.frame(link)`` [m], and its colour."""
-
-    link: int
-    color: str
-    mesh: Triangles
-
-
-class ShownFrame(NamedTuple):
-    """A frame in a picture: its `label` and where it is, `T_base_frame` (4, 4)."""
-
-    label: str
-    T_base_frame: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class ShownLine:
-    """A line in a picture: `points` (k, 3) in the base frame [m]."""
-
-    points: FloatArray
-    color: str
 
 
 class Picture:
@@ -157,16 +95,9 @@ class Picture:
         grid: bool = True,
         smooth: bool = True,
     ) -> None:
-        self.size = _checked_size(size)
         if theme not in THEMES:
             raise unknown_name("theme", theme, THEMES)
-        self.theme = THEMES[theme]
-        self.view = _checked_view(view)
-        self.grid = grid
-        self.smooth = smooth
-        self.arms: list[ShownArm] = []
-        self.lines: list[ShownLine] = []
-        self._still_frames: list[ShownFrame] = []
+        self.stage = Stage(_checked_size(size), THEMES[theme], _checked_view(view), grid, smooth)
 
     # --- what to show
 
@@ -213,14 +144,12 @@ class Picture:
         UnknownNameError
             A frame that the arm does not have.
         """
-        from pieper.sim.meshes import bodies_of_description
-
         chain = arm.chain if isinstance(arm, Arm) else arm
         description = arm.description if isinstance(arm, Arm) else None
         motion = q.in_order(chain.joint_names) if isinstance(q, Trajectory) else _resting(chain, q)
         if not 0.0 < opacity <= 1.0:
             raise ArrayError(f"opacity must be above 0 and at most 1, got {opacity}")
-        paint = ARM_COLORS[len(self.arms) % len(ARM_COLORS)] if color is None else color
+        paint = ARM_COLORS[len(self.stage.arms) % len(ARM_COLORS)] if color is None else color
         rgb(paint)
         if isinstance(frames, bool):
             names: tuple[str | int, ...] = tuple(f.name for f in chain.frames) if frames else ()
@@ -228,15 +157,15 @@ class Picture:
             names = tuple(chain.frame(which).name for which in frames)
         bodies = bodies_of_description(description, chain, paint) if meshes and description is not None else None
         if bodies is None:
-            bodies = _bodies_of_shape(chain, paint, self.theme)
-        self.arms.append(ShownArm(chain, motion, paint, opacity, names, axes, trace, labels, bodies))
+            bodies = _bodies_of_shape(chain, paint, self.stage.theme)
+        self.stage.arms.append(ShownArm(chain, motion, paint, opacity, names, axes, trace, labels, bodies))
 
     def add_frame(self, T_base_frame: ArrayLike, *, label: str = "") -> None:
         """Show a frame that stays where it is, (4, 4)."""
         T = stack(T_base_frame, (4, 4), "T_base_frame")
         if T.ndim != 2:
             raise ArrayError(f"T_base_frame must have shape (4, 4), got {T.shape}; add several frames one by one")
-        self._still_frames.append(ShownFrame(label, T))
+        self.stage.still_frames.append(ShownFrame(label, T))
 
     def add_line(self, points: ArrayLike, *, color: str = "#d6336c") -> None:
         """Show a line through points, (k, 3) [m]."""
@@ -244,22 +173,18 @@ class Picture:
         if line.ndim != 2 or len(line) < 2:
             raise ArrayError(f"points must have shape (k, 3) with two points or more, got {line.shape}")
         rgb(color)
-        self.lines.append(ShownLine(line, color))
+        self.stage.lines.append(ShownLine(line, color))
 
     # --- what is shown
 
     @property
     def duration(self) -> float:
         """The end of the longest motion, in seconds from its beginning; 0 when nothing moves."""
-        return max((arm.motion.duration for arm in self.arms), default=0.0)
+        return max((arm.motion.duration for arm in self.stage.arms), default=0.0)
 
     def frames(self, t: float = 0.0) -> list[ShownFrame]:
         """Every frame in the picture with its label, at a time [s] of the motions."""
-        found = list(self._still_frames)
-        for arm in self.arms:
-            Ts = fk_frames(arm.chain, arm.joints(t), frames=arm.frames)
-            found += [ShownFrame(str(name) if arm.labels else "", T) for name, T in zip(arm.frames, Ts, strict=True)]
-        return found
+        return self.stage.frames(t)
 
     def image(self, t: float = 0.0) -> Image:
         """The picture at a time [s] of the motions: (height, width, 3), red, green and blue from 0 to 255.
@@ -269,13 +194,12 @@ class Picture:
         MissingExtraError, MissingLibraryError
             Nothing to draw with; the message says what to install.
         """
-        return next(iter(self.images([t])))
+        with drawing(self.stage) as draw:
+            return draw(float(t))
 
     def images(self, times: Iterable[float]) -> Iterator[Image]:
         """Pictures at several times [s], quicker than one by one."""
-        from pieper.sim.drawing import drawing
-
-        with drawing(self) as draw:
+        with drawing(self.stage) as draw:
             for t in times:
                 yield draw(float(t))
 
@@ -331,32 +255,12 @@ def _resting(chain: Chain, q: ArrayLike) -> Trajectory:
     return Trajectory(np.zeros(1), values[None], joint_names=chain.joint_names)
 
 
-def rgb(color: str) -> FloatArray:
-    """Red, green and blue from 0 to 1 of a colour ``"#rrggbb"``.
-
-    >>> rgb("#ff8000").round(2)
-    array([1. , 0.5, 0. ])
-    """
-    digits = str(color).removeprefix("#")
-    try:
-        if len(digits) != 6:
-            raise ValueError
-        return np.array([int(digits[k : k + 2], 16) for k in (0, 2, 4)]) / 255.0
-    except ValueError:
-        raise ArrayError(f"a colour must be written #rrggbb, got {color!r}") from None
-
-
-def _mixed(color: str, other: str, amount: float) -> str:
-    mix = (1.0 - amount) * rgb(color) + amount * rgb(other)
-    return "#" + "".join(f"{round(255 * part):02x}" for part in mix)
-
-
 def _bodies_of_shape(chain: Chain, color: str, theme: Theme) -> tuple[Body, ...]:
     """The shape made from the chain, one surface for each link and colour."""
     paint = {
         "base": theme.metal,
         "link": color,
-        "housing": _mixed(theme.metal, color, 0.12),
+        "housing": mixed(theme.metal, color, 0.12),
         "flange": "#c3c8ce",
         "mark": AXIS_COLORS[0],
         "tool": "#98a1ab",
