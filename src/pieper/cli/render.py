@@ -106,7 +106,7 @@ def render(
         _save_film(picture, out, fps=fps, speed=speed, hold=hold)
     else:
         picture.save(out, t=picture.duration)
-        console().print(f"wrote {out}  {_pixels(picture)}", markup=False)
+        console().print(f"wrote {out}  {_pixels(picture)}", markup=False, soft_wrap=True)
     if answers is None or answers.reached:
         return 0
     console().print(f"not reached  {answers.reason}", style="red", markup=False)
@@ -193,7 +193,8 @@ def _save_film(picture: Picture, out: Path, *, fps: float | None, speed: float, 
             hold=hold,
             progress=lambda done, of: bar.update(task, completed=done, total=of),
         )
-    console().print(f"wrote {out}  {_pixels(picture)}, {count} frames, motion {picture.duration:.2f} s", markup=False)
+    words = f"wrote {out}  {_pixels(picture)}, {count} frames, motion {picture.duration:.2f} s"
+    console().print(words, markup=False, soft_wrap=True)
 
 
 def _pixels(picture: Picture) -> str:
