@@ -33,9 +33,10 @@ _TIMES_LOOKED_AT = 40  # of a motion, when the camera is set up
 _TRACE_POINTS = 200
 _SHOWS_THROUGH = 0.55  # of a frame behind something
 _SOLID = 0.999
+_COINCIDE = 2e-6  # of the depth; links that a ghost shares with an arm are in the same place up to rounding
 _NOT_DRAWN = 5  # a group of MuJoCo's
 # as fractions of the size of what is shown
-_ARROW, _ARROW_WIDTH = 0.09, 0.006
+_ARROW, _ARROW_WIDTH = 0.08, 0.0055
 _AXIS, _AXIS_WIDTH = 0.13, 0.0028
 _LINE_WIDTH = 0.0035
 
@@ -140,7 +141,7 @@ def _with_ghosts(colors: NDArray[np.float32], depth: NDArray[np.float32], ghosts
         which = order[k]
         here = np.take_along_axis(depths, which[None], 0)[0]
         paint = np.take_along_axis(images, which[None, ..., None], 0)[0]
-        weight = opacities[which] * (here < np.minimum(depth, 1.0))
+        weight = opacities[which] * (here < depth - _COINCIDE)
         colors = colors + weight[..., None] * (paint - colors)
     return colors
 
