@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
+import time
+
 import numpy as np
 import pytest
 
@@ -183,6 +189,32 @@ def test_what_cannot_be_drawn_is_refused_in_words(pieper_command, tmp_path, monk
     result = pieper_command("render", *arguments)
     assert result.code == 2
     assert message in result.err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("can_draw")
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT to send to another process")
+def test_ctrl_c_leaves_nothing_half_written(tmp_path):
+    """A process of its own is stopped in the middle of a film that would take minutes."""
+    command = [sys.executable, "-m", "pieper", "render", "mh12", "--target", "0.3", "0.3", "0.3", "--speed", "0.001"]
+    with subprocess.Popen(
+        [*command, str(tmp_path / "arm.mp4")],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            for _ in range(600):
+                if process.poll() is not None or list(tmp_path.iterdir()):
+                    break
+                time.sleep(0.1)
+            assert [path.name.endswith(".unfinished.mp4") for path in tmp_path.iterdir()] == [True]
+            process.send_signal(signal.SIGINT)
+            _, said = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    assert process.returncode == 130
+    assert "Traceback" not in said
     assert not list(tmp_path.iterdir())
 
 

@@ -1,12 +1,13 @@
 """Trajectories in files: CSV for people and spreadsheets, JSON for other programs, NPZ for many points.
 
-========  ===========================================================================================================
-``.csv``  A line of names, then one line for each point: ``t`` [s], then a column for each joint [rad or m], named after it;
-          velocities and accelerations in columns ``NAME.velocity`` and ``NAME.acceleration``, for every joint or for none.
-          Columns named ``1, 2, 3, ...`` are joints without names, in the order of the arm.
-``.json`` An object with ``t`` (m numbers), ``q`` (m lists of n numbers) and, where known, ``dq``, ``ddq`` and ``joint_names``.
-``.npz``  Arrays of the same names.
-========  ===========================================================================================================
+``.csv``
+    A line of names, then one line for each point: ``t`` [s], then a column for each joint [rad or m], named after it; velocities and
+    accelerations in columns ``NAME.velocity`` and ``NAME.acceleration``, for every joint or for none. Columns named ``1, 2, 3, ...`` are
+    joints without names, in the order of the arm.
+``.json``
+    An object with ``t`` (m numbers), ``q`` (m lists of n numbers) and, where known, ``dq``, ``ddq`` and ``joint_names``.
+``.npz``
+    Arrays of the same names.
 """
 
 from __future__ import annotations
