@@ -33,7 +33,7 @@ _TIMES_LOOKED_AT = 40  # of a motion, when the camera is set up
 _TRACE_POINTS = 200
 _SHOWS_THROUGH = 0.55  # of a frame behind something
 _SOLID = 0.999
-_COINCIDE = 2e-6  # of the depth; links that a ghost shares with an arm are in the same place up to rounding
+_COINCIDE = 6e-6  # of the depth; links that a ghost shares with an arm are in the same place up to rounding
 _NOT_DRAWN = 5  # a group of MuJoCo's
 # as fractions of the size of what is shown
 _ARROW, _ARROW_WIDTH = 0.08, 0.0055
@@ -172,13 +172,8 @@ def _extent(stage: Stage) -> tuple[float, FloatArray, FloatArray]:
     cloud = np.vstack(points) if points else np.array([[-0.5, -0.5, 0.0], [0.5, 0.5, 0.5]])
     size = float(np.linalg.norm(np.ptp(cloud, axis=0)))
     scale = 1.0 / size if size > 0.0 else 1.0
-    reach = [
-        frame.T_base_frame[:3, 3] * scale + s * _ARROW * frame.T_base_frame[:3, k]
-        for frame in stage.frames(0.0)
-        for k in range(3)
-        for s in (1.0,)
-    ]
-    around = np.vstack([cloud * scale, *[point[None] for point in reach]])
+    strokes, _ = _marks(stage, 0.0, scale, [])
+    around = np.vstack([cloud * scale, *[stroke.end[None] for stroke in strokes], *[s.start[None] for s in strokes]])
     return scale, 0.5 * (around.min(axis=0) + around.max(axis=0)), around
 
 
@@ -382,8 +377,9 @@ def _written(image: Image, stage: Stage, names: list[_Name], camera: _Camera, sc
     font = ImageFont.load_default(max(9.0, 0.019 * size[1]))
     text, halo = stage.theme.text, stage.theme.halo
     taken: list[tuple[float, float, float, float]] = []
-    spots = sorted(((*camera.pixel(name.at, size), name.text) for name in names), key=lambda spot: spot[1])
-    for x, y, words in spots:
+    for name in names:
+        x, y = camera.pixel(name.at, size)
+        words = name.text
         left, top, right, bottom = pen.textbbox((0, 0), words, font=font)
         w, h = right - left, bottom - top
         box = _free_place(x, y, w, h, taken, size)
