@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from pieper.model.chain import FloatArray
     from pieper.viewer.surface import Color
 
-PALETTE: tuple[Color, ...] = ((90, 98, 110), (232, 119, 34))
-"""Colours of an arm that has none of its own: of what stands still, and of what moves."""
+OWN_COLOR: Color = (200, 205, 212)
+"""Of surfaces for which the description names no colour."""
 
 AXIS_COLOR: Color = (0, 150, 190)
 
@@ -90,7 +90,7 @@ class ArmView:
         self._meshes: list[tuple[Any, Color]] = []
         for body in drawn:
             for number, surface in enumerate(body.surfaces):
-                own = surface.color or PALETTE[body.after > 0]
+                own = surface.color or OWN_COLOR
                 handle = scene.add_mesh_simple(
                     f"{self._root.name}/{body.after}/{number}",
                     surface.vertices,

@@ -15,11 +15,14 @@ import numpy as np
 
 from pieper.errors import MissingExtraError, PieperError, PieperWarning
 from pieper.model import description as model
+from pieper.model import shape
 from pieper.spatial import rotation
-from pieper.viewer.surface import Color, Surface, box, capsule, cylinder, merged, sphere
+from pieper.viewer.surface import Color, Surface, creased, merged, thinned, welded
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    import trimesh
 
     from pieper.arm import Arm
     from pieper.model.chain import Chain, FloatArray
@@ -34,6 +37,17 @@ MOST_TRIANGLES = 40_000
 MOST_TRIANGLES_READ = 5_000_000
 """Meshes with more triangles are refused: thinning them out would take minutes."""
 
+ROLE_COLORS: dict[str, Color] = {
+    "base": (74, 80, 90),
+    "link": (233, 128, 44),
+    "housing": (74, 80, 90),
+    "flange": (150, 156, 166),
+    "mark": (200, 60, 50),
+    "tool": (150, 156, 166),
+}
+"""Colours of the shape that is made from the joints."""
+
+_SECTIONS = 32  # corners of a circle
 _UNITS = {1e-3: "millimetres", 1e-2: "centimetres", 0.0254: "inches"}
 _TOO_LARGE = 20.0  # times the reach of the arm: no link is
 _FITS = 3.0  # times the reach of the arm: a link is not larger
@@ -83,8 +97,8 @@ def bodies(arm: Arm, *, meshes: bool | None = None) -> tuple[Body, ...]:
     if meshes is not False and arm.description is not None:
         drawn, failed = _described(arm, frames)
     if not drawn or failed:
-        shaped = _shaped(arm.chain, frames)
-        drawn |= {after: shaped[after] for after in (failed if drawn else shaped)}
+        shaped = _shaped(arm.chain)
+        drawn |= {after: shaped.get(after, []) for after in (failed if drawn else shaped)}
     return tuple(Body(after, frames[after][0], _by_color(drawn[after])) for after in sorted(drawn) if drawn[after])
 
 
@@ -174,17 +188,14 @@ def _color(visual: Visual) -> Color | None:
 
 
 def _surfaces(geometry: Geometry, color: Color | None, reach: float) -> tuple[Surface, ...]:
-    match geometry:
-        case model.Box():
-            return (box(geometry.size, color),)
-        case model.Cylinder():
-            return (cylinder(geometry.radius, geometry.length, color),)
-        case model.Capsule():
-            return (capsule(geometry.radius, geometry.length, color),)
-        case model.Sphere():
-            return (sphere(geometry.radius, color),)
-        case _:
-            return _from_file(geometry, color, reach)
+    if isinstance(geometry, model.Mesh):
+        return _from_file(geometry, color, reach)
+    return (_of_solid(geometry, color),)
+
+
+def _of_solid(solid: shape.Solid | shape.Part, color: Color | None) -> Surface:
+    triangles = shape.as_mesh(solid, sections=_SECTIONS)
+    return creased(Surface(triangles.vertices.astype(np.float32), triangles.faces.astype(np.uint32), color))
 
 
 # --------------------------------------------------------------------------------------------------------------------
@@ -251,23 +262,36 @@ def _read(path: str, changed: int, size: int) -> tuple[Surface, ...]:
         parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh)]
     except Exception as error:
         raise MeshError(f"mesh {path}: cannot be read ({type(error).__name__}: {error})") from error
-    surfaces = tuple(_as_surface(path, part) for part in parts if len(part.faces))
+    count = sum(len(part.faces) for part in parts)
+    if count > MOST_TRIANGLES_READ:
+        raise MeshError(f"mesh {path}: {count} triangles are more than the {MOST_TRIANGLES_READ} that are drawn from")
+    surfaces = tuple(_as_surface(part) for part in parts if len(part.faces))
     if not surfaces:
         raise MeshError(f"mesh {path}: has no triangles")
     if not all(np.isfinite(surface.vertices).all() for surface in surfaces):
         raise MeshError(f"mesh {path}: has vertices that are not finite")
-    return _by_color(list(surfaces))
+    if count > MOST_TRIANGLES:
+        warnings.warn(
+            f"mesh {path}: {count} triangles are thinned out to {MOST_TRIANGLES}", PieperWarning, stacklevel=5
+        )
+    return tuple(
+        creased(
+            thinned(welded(surface), MOST_TRIANGLES * len(surface.faces) // count if count > MOST_TRIANGLES else count)
+        )
+        for surface in _by_color(list(surfaces))
+    )
 
 
-def _as_surface(path: str, part: object) -> Surface:
+def _as_surface(part: trimesh.Trimesh) -> Surface:
     import trimesh
 
-    assert isinstance(part, trimesh.Trimesh)
     color: Color | None = None
     visual = part.visual
     if visual is not None and visual.defined:
-        # a texture is drawn in its mean colour
-        shade = visual.to_color().main_color if isinstance(visual, trimesh.visual.TextureVisuals) else visual.main_color
+        if isinstance(visual, trimesh.visual.TextureVisuals):  # a texture is drawn in its mean colour
+            shade = getattr(visual.material, "main_color", (200, 205, 212))
+        else:
+            shade = visual.main_color
         red, green, blue = (int(value) for value in np.asarray(shade)[:3])
         color = red, green, blue
     return Surface(part.vertices.astype(np.float32), part.faces.astype(np.uint32), color)
@@ -277,21 +301,9 @@ def _as_surface(path: str, part: object) -> Surface:
 # a shape made from the joints
 
 
-def _shaped(chain: Chain, frames: dict[int, tuple[str, FloatArray]]) -> dict[int, list[Surface]]:
-    """Capsules along the links, by number of axes."""
-    origins = [home[:3, 3] for _, home in frames.values()]
-    counts = list(frames)
-    reach = _size(chain)
+def _shaped(chain: Chain) -> dict[int, list[Surface]]:
+    """Parts that the chain itself is drawn with, by number of axes."""
     shaped: dict[int, list[Surface]] = {}
-    for after, start, end in zip(counts, origins, [*origins[1:], chain.home[:3, 3]], strict=True):
-        length = float(np.linalg.norm(end - start))
-        radius = 0.05 * reach * (1.0 - 0.6 * after / max(1, len(counts)))
-        T = np.eye(4)
-        if length > 0.0:
-            z = (end - start) / length
-            x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
-            x /= np.linalg.norm(x)
-            T[:3, :3] = np.column_stack([x, np.cross(z, x), z])
-        T[:3, 3] = 0.5 * (start + end)
-        shaped[after] = [capsule(radius, length).moved(np.linalg.inv(frames[after][1]) @ T)]
+    for part in shape.from_chain(chain).parts:
+        shaped.setdefault(part.link, []).append(_of_solid(part, ROLE_COLORS[part.role]))
     return shaped

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import errno
 import http
+import math
 import socket
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -24,7 +25,6 @@ if find_spec("viser") is None:
 
 import rich
 import viser
-import viser._messages
 import viser._viser
 import viser.infra
 import viser.infra._infra
@@ -32,6 +32,7 @@ import websockets
 import websockets.asyncio.server
 import websockets.datastructures
 import websockets.exceptions
+from viser import _messages
 from websockets.http11 import Response
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ VISER = "1.1.1"
 
 USUAL_PORT = 8080
 
-_SHARING = (viser._messages.ShareUrlRequest, viser._messages.ShareUrlDisconnect)
+_SHARING = (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect)
 
 
 class InsidesError(PieperError):
@@ -73,6 +74,9 @@ class Server(viser.ViserServer):
         The port that it became.
     url : str
         The address to open, token and all.
+    may_control : callable
+        Asked with the id of a client before anything that the client did is taken up: true if it may. By itself everybody may. What a
+        client has of its own (``client.gui``) is not asked about.
 
     Raises
     ------
@@ -85,10 +89,12 @@ class Server(viser.ViserServer):
     guard: Guard
     port: int
     url: str
+    may_control: Callable[[int], bool]
 
     def __init__(self, port: int | None = None, *, label: str | None = None, token: str | None = None) -> None:
         listening = _listen(port)
         self.port = listening.getsockname()[1]
+        self.may_control = lambda client_id: True
         self.guard = Guard(token, cookie_name=f"pieper-{self.port}")
         self.url = f"http://127.0.0.1:{self.port}/?token={quote(self.guard.token)}"
         try:
@@ -106,6 +112,7 @@ class Server(viser.ViserServer):
                 )
             if not made or not made[0].is_guarded:
                 raise _changed("its server was not started through the guard")
+            made[0].admits = self._admits
         except BaseException:
             listening.close()
             raise
@@ -114,6 +121,31 @@ class Server(viser.ViserServer):
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Refused: a tunnel would open the viewer to everybody."""
         raise PieperError("the viewer is not shared through a tunnel; it is reached from this machine alone")
+
+    def _admits(self, client_id: int, message: Any) -> bool:
+        """Whether a message from a browser is taken up; where it is not, that browser is shown again what holds."""
+        admitted = self.may_control(client_id) and _is_sane(message)
+        if not admitted:
+            for undoing in self._as_it_is(message):
+                self._websock_server._client_state_from_id[client_id].message_buffer.push(undoing)
+        return admitted
+
+    def _as_it_is(self, message: Any) -> list[Any]:
+        """Messages that show what a browser has changed by itself as it is here."""
+        if isinstance(message, _messages.GuiUpdateMessage):
+            handle = self.gui._gui_input_handle_from_uuid.get(message.uuid)
+            if handle is not None and "value" in message.updates:
+                return [_messages.GuiUpdateMessage(message.uuid, {"value": handle.value})]
+        if isinstance(message, _messages.TransformControlsUpdateMessage):
+            node = self.scene._handle_from_node_name.get(message.name)
+            if node is not None:
+                w, x, y, z = (float(part) for part in node.wxyz)
+                a, b, c = (float(part) for part in node.position)
+                return [
+                    _messages.SetOrientationMessage(message.name, (w, x, y, z)),
+                    _messages.SetPositionMessage(message.name, (a, b, c)),
+                ]
+        return []
 
     def stop(self) -> None:
         """End the server; browsers that look at it are told."""
@@ -130,6 +162,11 @@ class _GuardedSockets(viser.infra.WebsockServer):
         self._guard = guard
         self._failure: BaseException | None = None
         self.is_guarded = False
+        self.admits: Callable[[int, Any], bool] = lambda client_id, message: False
+
+    async def _handle_incoming_message(self, client_id: Any, message: Any) -> None:
+        if self.admits(client_id, message):
+            await super()._handle_incoming_message(client_id, message)
 
     def register_handler(self, message_cls: Any, callback: Any) -> None:
         if message_cls not in _SHARING:
@@ -172,6 +209,22 @@ class _GuardedSockets(viser.infra.WebsockServer):
         )
 
 
+def _is_sane(message: Any) -> bool:
+    """Whether every number in a message is finite; a browser can send NaN, or nothing where a number should be."""
+    if isinstance(message, _messages.GuiUpdateMessage):
+        return _is_finite(list(message.updates.values()))
+    if isinstance(message, _messages.TransformControlsUpdateMessage):
+        numbers = [*message.position, *message.wxyz]
+        return _is_finite(numbers) and any(message.wxyz)
+    return True
+
+
+def _is_finite(value: Any) -> bool:
+    if isinstance(value, list | tuple):
+        return all(_is_finite(item) for item in value)
+    return value is not None and not (isinstance(value, float) and not math.isfinite(value))
+
+
 def _refused(reason: str) -> Response:
     body = f"403 Forbidden: {reason}\n".encode()
     headers = websockets.datastructures.Headers(
@@ -185,7 +238,7 @@ def _refused(reason: str) -> Response:
 # the socket
 
 
-def _listen(port: int | None) -> socket.socket:
+def _listen(port: Any) -> socket.socket:
     """A socket on 127.0.0.1, listening."""
     if port is None:
         try:

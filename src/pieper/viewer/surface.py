@@ -1,4 +1,4 @@
-"""Surfaces to draw, as triangles: boxes, cylinders, capsules and spheres, made with NumPy alone."""
+"""Surfaces to draw, as triangles: placed, merged, with sharp edges, thinned out."""
 
 from __future__ import annotations
 
@@ -12,13 +12,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from pieper.model.chain import FloatArray
 
 Color: TypeAlias = tuple[int, int, int]
 """Red, green, blue, 0..255."""
 
-_AROUND = 24  # corners of a circle
-_SPHERE_ROWS = 6  # rows of a half sphere
+SHARP = np.radians(35.0)
+"""Edges between triangles that are bent by more are seen as edges [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +46,7 @@ class Surface:
 
 
 def merged(surfaces: Iterable[Surface]) -> Surface:
-    """One surface of several, in the colour of the first.
-
-    >>> len(merged([box([1.0, 1.0, 1.0]), box([2.0, 0.1, 0.1])]).faces)
-    24
-    """
+    """One surface of several, in the colour of the first."""
     listed = list(surfaces)
     starts = np.cumsum([0, *(len(surface.vertices) for surface in listed)])
     return Surface(
@@ -64,56 +59,65 @@ def merged(surfaces: Iterable[Surface]) -> Surface:
     )
 
 
-def box(size: ArrayLike, color: Color | None = None) -> Surface:
-    """A box with edges `size` (3,) [m], centred on its frame."""
-    half = 0.5 * np.asarray(size, dtype=np.float64)
-    sides = []
-    for axis in range(3):
-        for sign in (-1.0, 1.0):
-            u, v = np.roll(np.eye(3), axis, axis=1)[1:]  # u x v is the axis
-            normal = sign * np.cross(u, v)
-            corners = np.array(
-                [normal - sign * u - v, normal + sign * u - v, normal + sign * u + v, normal - sign * u + v]
-            )
-            sides.append(
-                Surface((corners * half).astype(np.float32), np.array([[0, 1, 2], [0, 2, 3]], np.uint32), color)
-            )
-    return merged(sides)
+def creased(surface: Surface, *, sharp: float = SHARP) -> Surface:
+    """The same surface with vertices of its own on both sides of every sharp edge, so that shading does not round it off.
+
+    Examples
+    --------
+    >>> from pieper.model.description import Box
+    >>> from pieper.model.shape import as_mesh
+    >>> cube = as_mesh(Box([1.0, 1.0, 1.0]))
+    >>> len(cube.vertices), len(creased(Surface(cube.vertices, cube.faces)).vertices)
+    (8, 24)
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    faces = surface.faces.astype(np.int64)
+    count = len(faces)
+    corners = surface.vertices.astype(np.float64)[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0.0)
+    edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    of_face = np.repeat(np.arange(count), 3)
+    order = np.lexsort(edges.T)
+    same = (edges[order[1:]] == edges[order[:-1]]).all(axis=1)
+    one, other = of_face[order[1:]][same], of_face[order[:-1]][same]
+    smooth = np.einsum("ij,ij->i", normals[one], normals[other]) > np.cos(sharp)
+    one, other = one[smooth], other[smooth]
+    _, patch = connected_components(coo_array((np.ones(len(one)), (one, other)), shape=(count, count)), directed=False)
+    keys = faces.ravel() * (int(patch.max(initial=0)) + 1) + np.repeat(patch, 3)
+    _, first, corner = np.unique(keys, return_index=True, return_inverse=True)
+    vertices = surface.vertices[faces.ravel()[first]]
+    return Surface(np.asarray(vertices, np.float32), corner.reshape(-1, 3).astype(np.uint32), surface.color)
 
 
-def cylinder(radius: float, length: float, color: Color | None = None) -> Surface:
-    """A cylinder about z, centred on its frame [m]."""
-    half = 0.5 * length
-    rim = np.array([[0.0, -half], [radius, -half]])
-    return merged(
-        [
-            _turned(rim, color),
-            _turned(np.array([[radius, -half], [radius, half]]), color),
-            _turned(-rim[::-1] * [-1.0, 1.0], color),
-        ]
-    )
+def welded(surface: Surface) -> Surface:
+    """The same surface without triangles of no area and with one vertex where several are at the same place, as in STL files."""
+    _, first, place = np.unique(surface.vertices, axis=0, return_index=True, return_inverse=True)
+    faces = place.reshape(-1)[surface.faces]
+    kept = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    return Surface(surface.vertices[first], faces[kept].astype(np.uint32), surface.color)
 
 
-def capsule(radius: float, length: float, color: Color | None = None) -> Surface:
-    """A cylinder about z with half spheres beyond its `length`, centred on its frame [m]."""
-    angle = np.linspace(-0.5 * np.pi, 0.0, _SPHERE_ROWS + 1)
-    lower = np.column_stack([radius * np.cos(angle), radius * np.sin(angle) - 0.5 * length])
-    return _turned(np.vstack([lower, lower[::-1] * [1.0, -1.0]]), color)
+def thinned(surface: Surface, most: int) -> Surface:
+    """A surface of at most `most` triangles: vertices in one cell of a grid become one, in the finest grid that does.
 
-
-def sphere(radius: float, color: Color | None = None) -> Surface:
-    """A sphere centred on its frame [m]."""
-    return capsule(radius, 0.0, color)
-
-
-def _turned(profile: FloatArray, color: Color | None) -> Surface:
-    """The surface that a profile of rows (radius, z), from below, sweeps about z."""
-    angle = np.linspace(0.0, 2.0 * np.pi, _AROUND, endpoint=False)
-    r, z = profile[:, :1], np.broadcast_to(profile[:, 1:], (len(profile), _AROUND))
-    vertices = np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=-1).reshape(-1, 3)
-    row, column = np.meshgrid(np.arange(len(profile) - 1), np.arange(_AROUND), indexing="ij")
-    here, beside = row * _AROUND + column, row * _AROUND + (column + 1) % _AROUND
-    faces = np.stack([here, beside, beside + _AROUND, here, beside + _AROUND, here + _AROUND], axis=-1).reshape(-1, 3)
-    corners = vertices[faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    return Surface(vertices.astype(np.float32), faces[area > 0.0].astype(np.uint32), color)
+    The error is at most the diagonal of a cell.
+    """
+    cells = 256
+    while len(surface.faces) > most:
+        low = surface.vertices.min(axis=0)
+        extent = float((surface.vertices.max(axis=0) - low).max())
+        cell = np.floor((surface.vertices - low) * (cells / max(extent, 1e-30))).astype(np.int64)
+        _, inverse, members = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
+        inverse = inverse.reshape(-1)
+        means = np.stack([np.bincount(inverse, column) for column in surface.vertices.T.astype(np.float64)], axis=1)
+        rough = Surface((means / members[:, None]).astype(np.float32), inverse[surface.faces].astype(np.uint32))
+        coarse = welded(rough)
+        _, unique = np.unique(np.sort(coarse.faces, axis=1), axis=0, return_index=True)
+        if len(unique) <= most or cells <= 4:
+            return Surface(coarse.vertices, coarse.faces[np.sort(unique)], surface.color)
+        cells = int(cells / 1.26)
+    return surface
