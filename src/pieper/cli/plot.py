@@ -247,7 +247,7 @@ def compare(
 
     _check(save)
     robot, second = load(arm, nominal=nominal), load(other)
-    q = None if at is None else seed_values(robot, at, degrees=degrees)
+    q = None if at is None else seed_values(robot, at, degrees=degrees, option="--at")
     for rule in Comparison(robot, second, turn_tip=not as_is).rules:
         _say(rule)
     figure = plot.compare(
