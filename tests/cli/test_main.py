@@ -11,7 +11,7 @@ import pytest
 import pieper
 from pieper.cli import main as command
 
-VERBS = ("robots", "info", "fk", "ik", "reach", "convert", "plot", "ros", "launch")
+VERBS = ("robots", "info", "fk", "ik", "reach", "convert", "render", "plot", "ros", "launch")
 HEAVY = ("numpy", "scipy", "sympy", "yaml", "mpmath", "xacrodoc", "matplotlib")
 
 
