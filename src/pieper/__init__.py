@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Any
 
 from pieper._version import __version__
@@ -40,3 +41,20 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
+
+
+def _show_arms_in_notebooks() -> None:
+    """Have IPython, where this runs in it, show an arm as picture and table. Without IPython this is one look at a dictionary."""
+    ipython = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython is not None else None
+    if shell is not None:
+
+        def html(arm: Arm) -> str:
+            from pieper.viewer import notebook
+
+            return notebook.html(arm)
+
+        shell.display_formatter.formatters["text/html"].for_type_by_name("pieper.arm", "Arm", html)
+
+
+_show_arms_in_notebooks()

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pieper.cli import convert, fk, ik, info, launch, reach, render, robots, ros
+from pieper.cli import convert, fk, ik, info, launch, plot, reach, render, robots, ros
 from pieper.cli.node import RosCommand
 from pieper.errors import MissingExtraError, MissingLibraryError, PieperError, PieperWarning
 
@@ -46,6 +46,7 @@ for _verb, _summary in {
     convert: "Write an arm as DH rows, screws, URDF, formulas.",
 }.items():
     app.command(short_help=_summary)(getattr(_verb, _verb.__name__.rpartition(".")[2]))
+app.add_typer(plot.app, name="plot", short_help="Figures of paths, joints, errors and models.")
 app.add_typer(ros.app, name="ros", short_help="ROS 2 nodes, without or with ROS.")
 app.command(cls=RosCommand, short_help="Start several nodes together.")(launch.launch)
 

@@ -1,0 +1,15 @@
+"""Arms to look at: in the browser, in figures, in notebooks.
+
+=============  ======================================================================================
+`guard`        who may speak to the viewer: this machine, with the token, from the viewer's own page
+`server`       viser behind that guard
+`control`      one controller at a time
+`arm_view`     one arm in the scene, and ghosts of it
+`mesh`         the meshes of a description, or what is drawn instead
+`surface`      triangles
+`view`         the whole window
+`panel`        what a tab of the window is
+`jog`          the tab with a slider for each joint
+`scenery`      the tab with ground, frames, axes and trace
+=============  ======================================================================================
+"""

@@ -1,0 +1,51 @@
+"""What a panel of the viewer is: a tab with controls, told of what happens to the arm."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pieper.model.chain import FloatArray
+    from pieper.motion.robot import RobotState
+    from pieper.viewer.view import View
+
+
+class Panel:
+    """A tab of the viewer. Derive from it, and hand an instance to ``View(panels=[...])``.
+
+    Every method but `build` does nothing unless it is overridden. They are called one at a time, under ``view.lock``, from the thread of
+    the viewer; what a control of viser calls back comes from other threads, and takes ``view.lock`` before it touches the arm.
+
+    Attributes
+    ----------
+    title : str
+        Of the tab.
+
+    Examples
+    --------
+    A panel with one button, which folds the arm:
+
+    >>> class Fold(Panel):
+    ...     title = "Fold"
+    ...
+    ...     def build(self, view):
+    ...         view.server.gui.add_button("Fold").on_click(lambda event: view.command(view.limited([0.0] * view.arm.dof)))
+    """
+
+    title: str = "Panel"
+
+    def build(self, view: View) -> None:
+        """Make the controls, with ``view.server.gui``; they land in the tab of this panel. Called once."""
+        raise NotImplementedError
+
+    def on_command(self, q: FloatArray) -> None:
+        """The arm has been sent to joint values `q` (n,), by whatever panel."""
+
+    def on_state(self, state: RobotState) -> None:
+        """The arm has moved to ``state.q``; called within one update of the scene, at most some 30 times a second."""
+
+    def on_tick(self, dt: float) -> None:
+        """`dt` seconds have passed; called all the time, some 30 times a second, moving or not."""
+
+    def close(self) -> None:
+        """The viewer ends."""
