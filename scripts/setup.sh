@@ -91,6 +91,21 @@ ensure_fast_dds() {
   }
 }
 
+# OpenGL without a screen, for the tests that draw pictures; after ensure_package. They skip where it cannot be had.
+ensure_gl() {
+  local given_up=$root/build/without-gl
+  if [ "$(uname -s)" != Linux ] || [ -e "$given_up" ] || draws_without_a_screen; then return; fi
+  ( install_debian "OpenGL that draws without a screen is" libegl1 libgl1-mesa-dri ) && draws_without_a_screen || {
+    mkdir -p "$root/build"
+    touch "$given_up"
+    say "   the tests that draw pictures will be skipped; to try again, remove build/without-gl"
+  }
+}
+
+draws_without_a_screen() {
+  "$python" -c 'from pieper.sim import offscreen; offscreen.gl_context(16, 16).free()' >/dev/null 2>&1
+}
+
 # python_has FEATURE CANDIDATE: version (3.10 or later), venv (can make environments), headers (Python.h is there).
 python_has() {
   "$2" - "$1" <<'PY' 2>/dev/null

@@ -81,6 +81,10 @@ class MissingExtraError(PieperError, ImportError):
         return type(self), (self.package, self.extra, self.purpose)
 
 
+class MissingLibraryError(PieperError, ImportError):
+    """A library of the operating system is not installed; the message names the packages that bring it."""
+
+
 class RosError(PieperError):
     """A ROS 2 name, type, message, parameter or network setting is not what it has to be."""
 

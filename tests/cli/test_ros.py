@@ -6,6 +6,7 @@ import errno
 import os
 import re
 import shlex
+import subprocess
 import sys
 from importlib.util import find_spec
 
@@ -237,6 +238,27 @@ def test_a_missing_extra_has_its_own_code(pieper_command, monkeypatch):
     result = pieper_command("ros", "rotations")
     assert result.code == command.MISSING_PACKAGE
     assert "pip install 'pieper[ros]'" in result.err
+
+
+@pytest.mark.parametrize("package", ["cyclonedds", "rosbags"])
+def test_each_package_of_the_extra_is_named_when_it_is_missing(package):
+    code = (
+        "import sys\n"
+        "from importlib.machinery import PathFinder\n"
+        "class Without(PathFinder):\n"
+        "    @classmethod\n"
+        "    def find_spec(cls, name, *rest):\n"
+        f"        return None if name.partition('.')[0] == {package!r} else PathFinder.find_spec(name, *rest)\n"
+        "sys.meta_path[:] = [Without if finder is PathFinder else finder for finder in sys.meta_path]\n"
+        "from pieper.cli.main import main\n"
+        "sys.exit(main(['ros', 'rotations', '--backend', 'bare']))"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
+    assert result.returncode == command.MISSING_PACKAGE
+    assert (
+        result.stderr
+        == f"pieper: {package} is not installed; a ROS 2 node without ROS needs it: pip install 'pieper[ros]'\n"
+    )
 
 
 def test_a_backend_that_is_not_there(pieper_command):

@@ -17,6 +17,7 @@ from pieper.model.description import Box, Capsule, Cylinder, Sphere
 from pieper.model.dh import from_dh
 from pieper.model.shape import Drum, Taper
 from pieper.spatial import twist
+from tests.degenerate_arms import degenerate_arm
 from tests.robots import NAMES, chain
 
 TOUCHING = 1e-9  # [arm lengths] rounding in composed poses, many times over
@@ -262,6 +263,43 @@ def test_a_housing_lies_on_every_turning_axis(name):
                 isinstance(part.solid, Drum) and part.link == axis + 1 and along > 0.999 and off < 1e-3 * form.length
             )
         assert found, f"no housing on axis {axis + 1}"
+
+
+@given(st.data())
+@settings(max_examples=100)
+def test_an_arm_that_no_one_would_build_is_drawn_all_the_same(data):
+    """Axes that coincide, are skew, or nearly parallel: parts stay finite, near the arm, and hold together at home."""
+    arm = degenerate_arm(
+        lambda k: data.draw(st.integers(0, k - 1)), lambda: data.draw(st.floats(-1.0, 1.0)), data.draw(st.integers(1, 7)),
+        slides=data.draw(st.booleans()),
+    )  # fmt: skip
+    form = shape.from_chain(arm)
+    assert {part.link for part in form.parts} == set(range(len(arm.screws) + 1))
+    homes = [arm.frame(link).home for link in range(len(arm.screws) + 1)]
+    for part in form.parts:
+        mesh = shape.as_mesh(part, sections=6)
+        assert np.isfinite(mesh.vertices).all()
+        points = mesh.vertices @ homes[part.link][:3, :3].T + homes[part.link][:3, 3]
+        assert np.linalg.norm(points, axis=-1).max() <= 1.2 * form.length
+    for link in range(1, len(arm.screws) + 1):
+        inside = [
+            distance_inside(there.solid, (points @ np.linalg.inv(homes[b] @ there.T_link_part).T)[:, :3]).max()
+            for a, b in ((link - 1, link), (link, link - 1))
+            for here in form.of_link(a)
+            for points in [core(here) @ homes[a].T]
+            for there in form.of_link(b)
+        ]
+        assert max(inside) > -1e-6 * form.length
+
+
+def test_axes_that_one_joint_moves_are_drawn_each():
+    """A telescope: two slides that follow one joint, the second twice as far."""
+    screws = [[0, 0, 1, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 0, 0, 0, 1]]
+    coupling = [[1.0, 0.0], [2.0, 0.0], [0.0, 1.0]]
+    arm = Chain("telescope", screws, at(0.0, 0.0, 1.0), [[0.0, 0.4], [-3.0, 3.0]], "ab", coupling=coupling)
+    form = shape.from_chain(arm)
+    assert {part.link for part in form.parts} == {0, 1, 2, 3}
+    assert form.length == pytest.approx(1.0 + 0.4 + 0.8)
 
 
 def test_links_side_by_side_do_not_meet():

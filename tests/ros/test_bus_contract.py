@@ -605,3 +605,15 @@ def test_a_bus_is_stopped_from_another_thread(network):
     bus.spin()
     stopping.join()
     assert not bus.ok
+
+
+def test_a_clock_that_never_comes_is_said_once():
+    from pieper.ros.fake import FakeNetwork
+
+    bus = FakeNetwork().bus("arm", ["--ros-args", "-p", "use_sim_time:=true"])
+    bus.timer(0.1, lambda: None)
+    bus.spin_until(lambda: False, timeout=2.0)
+    assert not bus.lines
+    bus.spin_until(lambda: False, timeout=5.0)
+    (line,) = bus.lines
+    assert line.startswith("use_sim_time is true and nothing has come on /clock: time stands still")

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pieper.cli import convert, fk, ik, info, launch, reach, robots, ros
+from pieper.cli import convert, fk, ik, info, launch, reach, render, robots, ros
 from pieper.cli.node import RosCommand
-from pieper.errors import MissingExtraError, PieperError, PieperWarning
+from pieper.errors import MissingExtraError, MissingLibraryError, PieperError, PieperWarning
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,6 +42,7 @@ for _verb, _summary in {
     fk: "Pose of the tip at given joint values.",
     ik: "Joint values that reach a target.",
     reach: "Reach a target from zero, and show the way.",
+    render: "Draw an arm, or a film of its motion.",
     convert: "Write an arm as DH rows, screws, URDF, formulas.",
 }.items():
     app.command(short_help=_summary)(getattr(_verb, _verb.__name__.rpartition(".")[2]))
@@ -90,7 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return int(app(typed or ["--help"], prog_name="pieper", standalone_mode=False) or DONE)
         except _UsageError as error:
             return _complain(_usage(error), BAD_INPUT)
-        except MissingExtraError as error:
+        except (MissingExtraError, MissingLibraryError) as error:
             return _complain(str(error), MISSING_PACKAGE)
         except (PieperError, OSError) as error:
             if isinstance(error, BrokenPipeError):  # the reader of a pipe has seen enough, as `| head` does

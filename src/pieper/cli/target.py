@@ -109,7 +109,7 @@ def wanted(
     return Wanted((x, y, z), rpy, quaternion, axis)
 
 
-def seed_values(arm: Arm, text: str | None, *, degrees: bool) -> Any:
+def seed_values(arm: Arm, text: str | None, *, degrees: bool, option: str = "--seed") -> Any:
     """(n,) joint values to start from; where none were typed, zero, or the limit nearest to zero."""
     import numpy as np
 
@@ -120,7 +120,7 @@ def seed_values(arm: Arm, text: str | None, *, degrees: bool) -> Any:
     try:
         values = [float(word) for word in text.replace(",", " ").split()]
     except ValueError:
-        raise ArrayError(f"--seed must be numbers separated by commas, got {text!r}") from None
+        raise ArrayError(f"{option} must be numbers separated by commas, got {text!r}") from None
     return joint_values(arm, values, degrees=degrees)
 
 

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 
 _LEVELS = {"debug": 10, "info": 20, "warn": 30, "error": 40, "fatal": 50}
 _CHECK_EVERY = 0.5  # seconds between looks at the health of the wire
+_CLOCK_EXPECTED = 3.0  # seconds without /clock after which that is said
 _LONGEST_WAIT = 0.1  # seconds; a signal that arrives while waiting is seen within this time
 
 
@@ -281,6 +282,7 @@ class Bus:
         self._tie_break = itertools.count()
         self._checked = time.monotonic()
         self._clock: Subscription | None = None
+        self._clockless_since: float | None = None
         self._sim_time, self._last_time, self._last_simulated = 0, 0, False
         self._parameters = Parameters(arguments.parameters)
         self._use_sim_time: Parameter[bool] = self.parameter(
@@ -499,6 +501,8 @@ class Bus:
         wanted = float("inf") if timeout is None else timeout
         self._wire.wait(max(0.0, min(wanted, self._until_timer(), _LONGEST_WAIT)))
         self._run_timers()
+        if self._use_sim_time.value and not self._sim_time:
+            self._miss_clock()
         if time.monotonic() - self._checked >= _CHECK_EVERY and self._ok:
             self._checked = time.monotonic()
             if repaired := self._wire.check():
@@ -594,6 +598,18 @@ class Bus:
         if not self._timers or self._use_sim_time.value:
             return float("inf")
         return max(0.0, (self._timers[0][0] - self.now()) * 1e-9)
+
+    def _miss_clock(self) -> None:
+        """Say once that time stands still, when that has lasted for a while."""
+        if self._clockless_since is None:
+            self._clockless_since = self._seconds()
+        elif self._seconds() - self._clockless_since > _CLOCK_EXPECTED:
+            self._clockless_since = float("inf")
+            self.log(
+                "warn",
+                "use_sim_time is true and nothing has come on /clock: time stands still, and so does this node; "
+                "start the simulator, or set use_sim_time to false",
+            )
 
     def _on_clock(self, message: Any) -> None:
         self._sim_time = int(message.clock.sec) * 1_000_000_000 + int(message.clock.nanosec)

@@ -1,1 +1,1 @@
-"""Simulated arms. `pieper.sim.kinematic` needs nothing but NumPy."""
+"""Simulated arms, and pictures of them. `pieper.sim.kinematic` needs nothing but NumPy; MuJoCo draws pictures."""

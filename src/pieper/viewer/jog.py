@@ -95,15 +95,15 @@ def pose_lines(arm: Arm, q: FloatArray, frame: str) -> list[str]:
     r"""Where a frame is in the base frame: position, quaternion and angles, as the command line prints them.
 
     >>> import pieper
-    >>> print("\n".join(pose_lines(pieper.load("mh12", nominal=True), np.zeros(6), "tool0")))
+    >>> print("\n".join(pose_lines(pieper.load("mh12", nominal=True), np.array([0, 0, 0, 0, 0.5, 0]), "tool0")))
     position    x y z  [m]
-       0.895000   0.000000   1.264000
+       0.882758   0.000000   1.311943
     quaternion  x y z w
-      -0.500000   0.500000  -0.500000   0.500000
+       0.510184   0.000000   0.860066   0.000000
     angles      roll pitch yaw  [deg]
-       -90.0000    90.0000     0.0000
+         0.0000   -61.3521   180.0000
     angles      roll pitch yaw  [rad]
-      -1.570796   1.570796   0.000000
+       0.000000  -1.070796   3.141593
     """
     T = arm.fk(q, up_to=frame)
     rpy = rotation.as_rpy(T[:3, :3])

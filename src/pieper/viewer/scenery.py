@@ -26,10 +26,10 @@ class Trace:
     Examples
     --------
     >>> trace = Trace(apart=0.1, most=3)
-    >>> [trace.add(np.array([x, 0.0, 0.0])) for x in (0.0, 0.05, 0.1, 0.2, 0.3)]
+    >>> [trace.add(np.array([x, 0.0, 0.0])) for x in (0.0, 0.05, 0.1, 0.3, 0.5)]
     [True, False, True, True, True]
     >>> trace.segments[:, :, 0].tolist()
-    [[0.1..., 0.2...], [0.2..., 0.3...]]
+    [[0.1..., 0.3...], [0.3..., 0.5]]
     """
 
     def __init__(self, *, apart: float, most: int = MOST_TRACE_POINTS) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from typing import ClassVar
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -116,6 +119,30 @@ def test_joint_states_come_at_the_rate_with_names_positions_velocities_and_stamp
     np.testing.assert_allclose(np.diff(q[:, 0])[moving[1:]], PERIOD * dq[1:, 0][moving[1:]], atol=PERIOD * 4.0)
     np.testing.assert_allclose(dq[:40, 0], 3.84, atol=0.01)
     np.testing.assert_array_equal(q[-1], [2.0, 0, 0, 0, 0, 0])
+
+
+def test_stamps_are_of_when_the_arm_was_there():
+    """Also when something took its time before the message went out, as the check of a long trajectory does."""
+    arm = pieper.load("mh12")
+
+    class Slow(KinematicSimulator):
+        delays: ClassVar = itertools.cycle([0, 3_000_000, 1_000_000])
+
+        def read(self):
+            state = super().read()
+            cell.network.time += next(self.delays)
+            return state
+
+    robot = KinematicSimulator(arm.chain)
+    cell = Cell(robot=robot)
+    robot.__class__ = Slow
+    cell.set(0.5, name=["joint_1_s"], position=[2.0])
+    stamps = np.array([m.header.stamp.sec * SECOND + m.header.stamp.nanosec for m in cell.heard])
+    q = np.array([m.position[0] for m in cell.heard])
+    moving = (q[:-1] > 0.0) & (q[1:] < 2.0)
+    assert moving.sum() > 10
+    speed = np.diff(q)[moving] / (np.diff(stamps)[moving] / SECOND)
+    np.testing.assert_allclose(speed, arm.chain.max_velocity[0], rtol=1e-9)
 
 
 def test_the_rate_is_a_parameter():

@@ -360,6 +360,19 @@ def test_a_pose_that_violates_every_limit_says_which(fake, mh12):
     )
 
 
+def test_a_flood_of_targets_does_not_flood_the_log(fake, mh12):
+    _, user = running(fake, mh12)
+    states = user.hears("joint_states", JOINT_STATE)
+    for x in np.linspace(0.2, 0.4, 1000):
+        user.target(x, 0.3, 0.3)
+        fake.rest(0.001)
+    fake.rest(3.0)
+    said = user.log(NODE)
+    assert len(said) < 200
+    assert any("targets come too fast to tell of each: 20 a second are told of" in line for line in said)
+    assert np.linalg.norm(mh12.fk(positions(states)[-1])[:3, 3] - [0.4, 0.3, 0.3]) < SOLVED
+
+
 def test_what_runs_goes_on_when_another_target_is_refused(fake, mh12):
     _, user = running(fake, mh12)
     states = user.hears("joint_states", JOINT_STATE)
@@ -572,6 +585,47 @@ def test_a_moving_arm_is_redirected(fake, mh12):
     assert not [line for line in user.log("controller") if "refused" in line]
     assert len(arm.received) == 4
     assert arm.rests_at(p, SOLVED)
+
+
+@pytest.mark.parametrize("controlled", [True, False])
+@pytest.mark.parametrize("name", ["kr210", "panda", "youbot"])
+def test_a_moving_arm_is_redirected_from_wherever_it_is(fake, name, controlled):
+    """A joint on its way to a limit too, which would pass it on a smooth curve to the new target."""
+    arm = pieper.load(name)
+    lower, upper = arm.limits.T
+    _, user = running(fake, arm)
+    if controlled:
+        Arm(fake, arm)
+    states = user.hears("joint_states", JOINT_STATE)
+    fake.rest(0.05)
+    random = np.random.default_rng(3)
+    for _ in range(40):
+        p = arm.fk(random.uniform(np.maximum(lower, -3.0), np.minimum(upper, 3.0)))[:3, 3]
+        user.target(*p)
+        fake.rest(random.uniform(0.05, 0.5))
+    fake.rest(6.0)
+    assert not [line for line in user.log("inverse") + user.log("controller") if "refused" in line]
+    q, dq = positions(states), np.array([state.velocity for state in states])
+    assert np.linalg.norm(arm.fk(q[-1])[:3, 3] - p) < SOLVED
+    assert ((q >= lower) & (q <= upper)).all()
+    assert (np.abs(dq) <= arm.chain.max_velocity * (1.0 + 1e-9)).all()
+
+
+def test_cancel_stops_a_controller_near_a_limit_too(fake, mh12):
+    """Where the usual braking would pass the limit that the arm is on its way to."""
+    _, user = running(fake, mh12)
+    robot = Arm(fake, mh12).robot
+    fake.rest(0.05)
+    q = np.array([0.0, 0.0, mh12.limits[2, 0], 0.0, 0.0, 0.0])
+    user.target_pose(mh12.fk(q))
+    fake.rest(0.6)
+    moving = robot.read()
+    assert moving.dq[2] < -1.0
+    answer = user.bus.call(user.bus.client(f"/{NODE}/cancel", "std_srvs/srv/Trigger"), 1.0)
+    assert answer.success
+    fake.rest(1.1)
+    assert not [line for line in user.log("controller") if "refused" in line]
+    assert mh12.limits[2, 0] + 0.001 < robot.read().q[2] < moving.q[2]
 
 
 def test_cancel_stops_a_controller(fake, mh12):

@@ -9,8 +9,8 @@ from importlib.util import find_spec
 
 from pieper.errors import MissingExtraError
 
-if find_spec("cyclonedds") is None:
-    raise MissingExtraError("cyclonedds", "ros", "a ROS 2 node without ROS")
+if _missing := [package for package in ("cyclonedds", "rosbags") if find_spec(package) is None]:
+    raise MissingExtraError(_missing[0], "ros", "a ROS 2 node without ROS")
 
 from pieper.ros.bare.wire import DdsWire
 

@@ -304,8 +304,9 @@ class Controller:
         if self._waiting is not None and not self._too_soon(self._taken):
             self._take(*self._waiting)
         state = self.robot.read()
+        sec, nanosec = divmod(self._time, 1_000_000_000)  # when it was there; a command may have taken a while since
         self._joint_states.send(
-            header={"stamp": self._bus.stamp()},
+            header={"stamp": {"sec": sec, "nanosec": nanosec}},
             name=list(self.robot.joint_names),
             position=state.q,
             velocity=state.dq,

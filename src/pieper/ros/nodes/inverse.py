@@ -48,8 +48,12 @@ _NEARLY_INSIDE = 0.01  # [rad or m]; an encoder may read a little beyond a limit
 _SLOWER = 1.0 + 1e-6  # so that a duration in whole nanoseconds keeps the velocity limits
 _SLOWER_MOVING = 0.98  # since the arm is a little further when its controller hears of it
 _LONGER = 1.2  # how much more time a move gets that would exceed a limit
-_LONGER_OFTEN = 30
+_LONGER_OFTEN = 8
+_SHORTEST_BRAKING = 1e-3  # s
+_ROOM_TO_BRAKE = 0.8  # of what is left to a limit; a controller's arm is a little further when it hears of it
+_CREEPING = 0.01  # fraction of the velocity limit; no slower joint is braked harder for the sake of its limit
 _FARTHEST = 1e6  # m
+_TOLD_OF = 20  # targets in a second that the log tells of; all are gone to
 _OWN_REMEMBERED = 256  # messages of its own that may still be on their way back
 
 
@@ -159,6 +163,7 @@ class Inverse:
         self._crowded = False
         self._locked: dict[tuple[str, ...], Chain] = {}
         self._unsaid: list[tuple[str, str]] | None = None
+        self._told_since, self._told_of = 0, 0
         self._state = messages.make(JOINT_STATE, name=list(self._joints.names))
         self._states = bus.publisher("joint_states", JOINT_STATE)
         self._commands = bus.publisher("joint_trajectory", TRAJECTORY)
@@ -231,8 +236,14 @@ class Inverse:
             callback(message)
         finally:
             unsaid, self._unsaid = self._unsaid, None
-            for level, text in unsaid:
-                self._bus.log(level, text)
+            if not 0 <= self._bus.now() - self._told_since < 1e9:
+                self._told_since, self._told_of = self._bus.now(), 0
+            self._told_of += 1
+            if self._told_of > _TOLD_OF:
+                self._complaints.say("warn", f"targets come too fast to tell of each: {_TOLD_OF} a second are told of")
+            else:
+                for level, text in unsaid:
+                    self._bus.log(level, text)
 
     def _log(self, level: str, text: str) -> None:
         if self._unsaid is None:
@@ -393,8 +404,29 @@ class Inverse:
             if limits.surely_hold(joined):
                 return joined
             duration *= _LONGER
-        limits.check_trajectory(joined)
+        # A joint that is on its way to a limit would pass it before it turned round, and all the more the longer that took: rest first.
+        duration, rest = self._braking(place)
+        move = joint_move(chain, rest, q_goal, max_velocity=fastest)
+        joined = Trajectory(
+            np.array([0.0, duration, *(duration + move.t[1:])]),
+            np.stack([place.q, rest, *move.q[1:]]),
+            np.stack([np.clip(place.dq, -self._limits.velocity, self._limits.velocity), zero, *move.q[1:] * 0.0]),
+            np.zeros((1 + len(move.t), chain.dof)),
+            chain.joint_names,
+        )
+        self._limits.check_trajectory(joined)
         return joined
+
+    def _braking(self, place: _Place) -> tuple[float, FloatArray]:
+        """How long a moving arm takes to come to rest [s], and where, with no joint past its limits."""
+        lower, upper = self._arm.limits.T
+        speed = np.abs(place.dq)
+        duration = 2.0 * max(float(np.max(speed / self._limits.acceleration)), _LOOK_EVERY)
+        fast = speed > _CREEPING * self._limits.velocity
+        if fast.any():
+            room = np.where(place.dq > 0.0, upper - place.q, place.q - lower)[fast]
+            duration = min(duration, max(_ROOM_TO_BRAKE * 2.0 * float(np.min(room / speed[fast])), _SHORTEST_BRAKING))
+        return duration, np.clip(place.q + 0.5 * duration * place.dq, lower, upper)
 
     # Runs
 
@@ -454,16 +486,16 @@ class Inverse:
     def _move(self, trajectory: Trajectory) -> None:
         """Have the controller make a move, or show it by joint states from the next tick on."""
         if self._to_controller():
-            self._command(trajectory.q[-1], trajectory.duration)
+            self._command(trajectory)
             return
         self._run = _Motion(trajectory, self._bus.now())
         self._timer = self._bus.timer(1.0 / self._rate.value, self._show_motion)
 
-    def _command(self, q: FloatArray, duration: float) -> None:
-        """One point to be at in time: a controller goes there from where the arm is, and from the velocity that it has."""
-        nanoseconds = max(1_000_000, round(duration * _SLOWER * 1e9))
-        sec, nanosec = divmod(nanoseconds, 1_000_000_000)
+    def _command(self, trajectory: Trajectory) -> None:
+        """Where to rest, and when: a controller goes there from where the arm is, and from the velocity that it has."""
         rest = [0.0] * len(self._joints.names)
+        coming = slice(1 if len(trajectory.t) > 1 else 0, None)  # the first of several points is where the arm is
+        times = [max(1_000_000, round(t * _SLOWER * 1e9)) for t in trajectory.t[coming]]
         self._commands.send(
             joint_names=list(self._joints.names),
             points=[
@@ -471,12 +503,13 @@ class Inverse:
                     "positions": self._joints.write(q),
                     "velocities": rest,
                     "accelerations": rest,
-                    "time_from_start": {"sec": sec, "nanosec": nanosec},
+                    "time_from_start": dict(zip(("sec", "nanosec"), divmod(time, 1_000_000_000), strict=True)),
                 }
+                for time, q in zip(times, trajectory.q[coming], strict=True)
             ],
         )
-        self._controller_busy_until = self._bus.now() + nanoseconds
-        self._log("info", f"Sent to {self._commands.topic}: {duration:.3f} s")
+        self._controller_busy_until = self._bus.now() + times[-1]
+        self._log("info", f"Sent to {self._commands.topic}: {times[-1] * 1e-9:.3f} s")
 
     def _show_motion(self) -> None:
         run = self._run
@@ -508,10 +541,8 @@ class Inverse:
 
     def _brake(self) -> None:
         """Have the controller bring a moving arm to rest near where it is."""
-        place = self._now()
-        duration = 2.0 * max(float(np.max(np.abs(place.dq) / self._limits.acceleration)), _LOOK_EVERY)
-        q = np.clip(place.q + 0.5 * duration * place.dq, *self._arm.limits.T)
-        self._command(q, duration)
+        duration, rest = self._braking(self._now())
+        self._command(Trajectory(np.array([duration]), rest[None], joint_names=self._arm.joint_names))
         self._controller_busy_until = 0
 
     # Beneath
