@@ -44,13 +44,15 @@ _WORDS: dict[str, tuple[Kind, str | None]] = {
 }
 _NONE = "none"
 _PREVIOUS, _NEXT = "previous", "next"
+_SAME = 1e-9  # of the entries of two rotations
 _SHARE = 1000  # steps of the slider along a curve
 
 
 class SolvePanel(Panel):
     """A tab of the viewer in which the target of the arm is dragged about.
 
-    The solution taken is what the arm is sent to. Where nothing meets the target the arm stays, and what comes nearest is drawn in red.
+    The solution taken is what the arm is sent to. Where nothing meets the target the arm stays, and what comes nearest is drawn in red
+    beside it, with a red line from its tip to the target.
     Events of a drag that come faster than they are drawn are left out: only the latest pose of the handle counts. Numbers that are
     not finite are told and put back.
 
@@ -66,8 +68,8 @@ class SolvePanel(Panel):
     solving : Solving
     ghosts : GhostsView
         The solutions that are not taken.
-    nearest : GhostsView
-        What comes nearest to a target that is not met.
+    apart : GhostsView
+        What the arm is not sent to: in red what comes nearest to a target that is not met, in amber a solution outside the limits.
     gizmo, message, kind, position, rpy, solutions, step_buttons, along, keep_branch, shown
         The controls of viser.
     """
@@ -98,7 +100,7 @@ class SolvePanel(Panel):
         size = frame_size(arm)
         self._root = scene.add_frame("/solve", show_axes=False, visible=self._shown)
         self.ghosts = GhostsView(self._view.server, "solve/ghosts", arm, color=BLUE, opacity=0.2)
-        self.nearest = GhostsView(self._view.server, "solve/nearest", arm, color=RED, opacity=0.5)
+        self.apart = GhostsView(self._view.server, "solve/apart", arm, color=RED, opacity=0.55)
         self._gap = scene.add_line_segments(
             "/solve/gap", np.zeros((1, 2, 3)), RED, thickness=3.0, thickness_units="screen", visible=False
         )
@@ -165,7 +167,7 @@ class SolvePanel(Panel):
         with self._view.lock, self._view.server.atomic(), self._writing():
             solved, before = self.solving.solved, self._drawn
             self._drawn = solved
-            if command and solved.chosen is not None:
+            if command and solved.reached:
                 self._own = True
                 try:
                     self._view.command(self._view.limited(self.solving.q))
@@ -244,15 +246,15 @@ class SolvePanel(Panel):
     def _draw_solutions(self, solved: Solved) -> None:
         inside = solved.inside if solved.chosen is None else np.delete(solved.inside, solved.chosen)
         self.ghosts.update(solved.ghosts, colors=[BLUE if within else AMBER for within in inside])
-        missed = solved.nearest if solved.chosen is None else None
-        if missed is not None:
-            self.nearest.update(missed)
-            ends = np.stack([self.solving.arm.fk(missed)[:3, 3], solved.T_base_target[:3, 3]])
+        apart = None if solved.reached else solved.q_shown  # what the arm is not sent to
+        if apart is not None:
+            self.apart.update(apart, colors=[RED if solved.chosen is None else AMBER])
+            ends = np.stack([self.solving.arm.fk(apart)[:3, 3], solved.T_base_target[:3, 3]])
             self._gap.points = ends[None].astype(np.float32)
-        elif self.nearest.count:
-            self.nearest.update(np.empty((0, self.solving.arm.dof)))
-        if self._gap.visible != (missed is not None):
-            self._gap.visible = missed is not None
+        elif self.apart.count:
+            self.apart.update(np.empty((0, self.solving.arm.dof)))
+        if self._gap.visible != (apart is not None):
+            self._gap.visible = apart is not None
 
     def _put_gizmo(self, solved: Solved) -> None:
         T = solved.T_base_target
@@ -263,10 +265,9 @@ class SolvePanel(Panel):
         if before is None or before.T_base_target is not solved.T_base_target or solved.notice:
             T = solved.T_base_target
             self.position.value = tuple(T[:3, 3].tolist())
-            typed = rotation.from_rpy(np.radians(np.array(self.rpy.value)))
-            if (
-                not np.isfinite(typed).all() or np.abs(typed - T[:3, :3]).max() > 1e-9
-            ):  # at a gimbal lock many triples are one
+            typed = np.radians(np.array(self.rpy.value))
+            # at a gimbal lock many triples are one orientation: what was typed stays
+            if not np.isfinite(typed).all() or np.abs(rotation.from_rpy(typed) - T[:3, :3]).max() > _SAME:
                 self.rpy.value = tuple((np.degrees(rotation.as_rpy(T[:3, :3])) + 0.0).tolist())
             if not dragging:
                 self._put_gizmo(solved)
