@@ -57,9 +57,12 @@ def drag(panel, position, wxyz=None, phase="update"):
 def test_the_ghosts_are_the_solutions_that_are_not_taken(opened):
     panel = SolvePanel(shown=True)
     opened("ur5e", panel, q=START)
-    assert panel.ghosts.count == 7 and panel.apart.count == 0
-    assert len(panel.solutions.options) == 8 and panel.solutions.value.startswith("2  front, elbow up, flip")
-    assert "solution 2 of 8: front, elbow up, flip" in panel.message.content and "inherit" in panel.message.content
+    assert panel.ghosts.count == 7
+    assert panel.apart.count == 0
+    assert len(panel.solutions.options) == 8
+    assert panel.solutions.value.startswith("2  front, elbow up, flip")
+    assert "solution 2 of 8: front, elbow up, flip" in panel.message.content
+    assert "inherit" in panel.message.content
 
 
 def test_a_drag_moves_the_arm_on_its_branch_and_the_boxes(opened):
@@ -111,11 +114,16 @@ def test_out_of_reach_is_red_with_the_nearest_pose_and_the_arm_stays(opened):
     panel.position.value = (2.0, 0.0, 0.3)
     view.step(0.03)
     np.testing.assert_allclose(view.q, START, atol=1e-9)
-    assert panel.apart.count == 1 and panel.ghosts.count == 0 and panel._gap.visible
-    assert "out of reach by 1.04 m" in panel.message.content and "#d63c3c" in panel.message.content
+    assert panel.apart.count == 1
+    assert panel.ghosts.count == 0
+    assert panel._gap.visible
+    assert "out of reach by 1.04 m" in panel.message.content
+    assert "#d63c3c" in panel.message.content
     assert tuple(panel.apart._parts[0][1].batched_colors[0]) == RED
     panel.position.value = tuple(view.arm.fk(START)[:3, 3].tolist())
-    assert panel.apart.count == 0 and not panel._gap.visible and panel.ghosts.count == 7
+    assert panel.apart.count == 0
+    assert not panel._gap.visible
+    assert panel.ghosts.count == 7
 
 
 def test_a_solution_outside_limits_is_amber_and_the_arm_is_not_sent_there(opened):
@@ -129,7 +137,8 @@ def test_a_solution_outside_limits_is_amber_and_the_arm_is_not_sent_there(opened
     view.step(0.03)
     np.testing.assert_allclose(view.q, q, atol=1e-9)
     assert tuple(panel.apart._parts[0][1].batched_colors[0]) == AMBER
-    assert "(outside limits)" in panel.solutions.value and "outside the joint limits" in panel.message.content
+    assert "(outside limits)" in panel.solutions.value
+    assert "outside the joint limits" in panel.message.content
 
 
 def test_nan_is_told_and_put_back(opened):
@@ -137,7 +146,8 @@ def test_nan_is_told_and_put_back(opened):
     view = opened("ur5e", panel, q=START)
     before = panel.position.value, panel.rpy.value, tuple(panel.gizmo.position)
     panel.position.value = (NAN, 0.0, 0.0)
-    assert "three finite numbers" in panel.message.content and panel.position.value == before[0]
+    assert "three finite numbers" in panel.message.content
+    assert panel.position.value == before[0]
     panel.rpy.value = (0.0, float("inf"), 0.0)
     assert "three finite angles" in panel.message.content
     np.testing.assert_allclose(panel.rpy.value, before[1], atol=1e-9)
@@ -171,24 +181,29 @@ def test_what_other_panels_do_moves_the_target(opened):
     np.testing.assert_allclose(panel.gizmo.position, view.arm.fk(q)[:3, 3], atol=1e-9)
     assert not panel._root.visible
     panel.shown.value = True
-    assert panel._root.visible and panel.ghosts.count == len(panel.solving.solved.ghosts) > 0
+    assert panel._root.visible
+    assert panel.ghosts.count == len(panel.solving.solved.ghosts) > 0
 
 
 def test_kinds_of_targets(opened):
     panel = SolvePanel(shown=True)
     view = opened("ur5e", panel, q=START)
     panel.kind.value = "position only"
-    assert panel.solving.kind == "position" and panel.gizmo.disable_rotations and not panel.rpy.visible
+    assert panel.solving.kind == "position"
+    assert panel.gizmo.disable_rotations
+    assert not panel.rpy.visible
     assert panel.ghosts.count == 15
     panel.kind.value = "position and tool x"
-    assert (panel.solving.kind, panel.solving.axis) == ("axis", "x") and not panel.gizmo.disable_rotations
+    assert (panel.solving.kind, panel.solving.axis) == ("axis", "x")
+    assert not panel.gizmo.disable_rotations
     np.testing.assert_allclose(view.target, START, atol=1e-6)
 
 
 def test_seven_joints_slide_while_the_tip_stays(opened):
     panel = SolvePanel(shown=True)
     view = opened("panda", panel, q=[0.4, -0.3, 0.1, -2.1, 0.2, 1.9, 0.5])
-    assert panel.along.visible and not panel.along.disabled
+    assert panel.along.visible
+    assert not panel.along.disabled
     T, places = view.arm.fk(view.q), []
     for value in (0, 300, 700, 1000):
         panel.along.value = value
@@ -220,7 +235,8 @@ def test_row_b17_the_difference_of_two_models_is_live(opened):
     assert f"{1e3 * float(found.angle):.4f} mrad" in panel.live.content
     np.testing.assert_allclose(panel.other_view.q, panel.comparison.as_other(view.q))
     assert "joint_5_b_inverted = -joint_5_b" in panel.rules.content
-    assert panel._gap.visible and "drawn " in panel._gap_label.text
+    assert panel._gap.visible
+    assert "drawn " in panel._gap_label.text
 
 
 def test_the_largest_difference_is_measured_and_gone_to(opened):
@@ -229,7 +245,9 @@ def test_the_largest_difference_is_measured_and_gone_to(opened):
     assert panel.go.disabled
     panel.samples.value = 5000
     panel.measure()
-    assert "0.2" in panel.spread.content and "5000" in panel.spread.content and not panel.go.disabled
+    assert "0.2" in panel.spread.content
+    assert "5000" in panel.spread.content
+    assert not panel.go.disabled
     panel._go_to_worst()
     view.step(0.03)
     assert f"{1e3 * float(panel.comparison.difference(view.q).distance):.4f} mm" in panel.spread.content
@@ -240,7 +258,8 @@ def test_both_solve_the_same_pose(opened):
     panel = ComparePanel(pieper.load("mh12-report"), beside=False)
     opened("mh12", panel, q=[0.3, 0.2, -0.1, 0.0, 0.5, 0.4])
     panel.solve_both()
-    assert "joint_2_l" in panel.solved.content and "the tip then misses by" in panel.solved.content
+    assert "joint_2_l" in panel.solved.content
+    assert "the tip then misses by" in panel.solved.content
     panel.placing.value = "side by side"
     assert np.linalg.norm(panel.other_view._root.position) > 0.5
 
@@ -248,7 +267,8 @@ def test_both_solve_the_same_pose(opened):
 def test_equal_models_draw_no_gap(opened):
     panel = ComparePanel(pieper.load("kr210"))
     opened("kr210", panel)
-    assert not panel._gap.visible and "0.0000 mm" in panel.live.content
+    assert not panel._gap.visible
+    assert "0.0000 mm" in panel.live.content
 
 
 # --- motions
@@ -269,7 +289,8 @@ def test_motions_play_pause_and_begin_again(opened):
     assert not view.arm_view.visible
     for _ in range(10):
         view.step(0.1)
-    assert panel.player.time == pytest.approx(1.0) and panel.time.value == pytest.approx(1.0)
+    assert panel.player.time == pytest.approx(1.0)
+    assert panel.time.value == pytest.approx(1.0)
     for arm_view, track in zip(panel.arm_views, panel.player.tracks, strict=True):
         np.testing.assert_allclose(arm_view.q, track.at(1.0), atol=1e-9)
     panel.player.pause()
@@ -296,13 +317,16 @@ def test_the_arm_comes_back_when_it_is_moved(opened):
 def test_curves_of_each_motion_and_the_mark_of_the_time(opened):
     panel = PathsPanel(tracks())
     opened("ur5e", panel)
-    assert len(panel.plot.data) == 1 + 6 + 1 and panel.curves.options == ("joints", "tip", "error")
+    assert len(panel.plot.data) == 1 + 6 + 1
+    assert panel.curves.options == ("joints", "tip", "error")
     panel.seek(3.0)
     mark = panel.plot.data[-1]
     here = int(np.flatnonzero(np.isfinite(mark))[0])
-    assert panel.plot.data[0][here] == pytest.approx(3.0, abs=0.02) and mark[here] == panel.plot.data[1][here]
+    assert panel.plot.data[0][here] == pytest.approx(3.0, abs=0.02)
+    assert mark[here] == panel.plot.data[1][here]
     panel.curves.value = "error"
-    assert panel.plot.scales["y"] == {"distr": 3} and len(panel.plot.data[0]) == 62
+    assert panel.plot.scales["y"] == {"distr": 3}
+    assert len(panel.plot.data[0]) == 62
     panel.plotted.value = "k1 = 1.0"
     assert len(panel.plot.data[0]) == 5
     panel.curves.value = "tip"
@@ -324,7 +348,8 @@ def test_speed_that_makes_no_sense_is_told_and_put_back(opened):
     assert panel.player.speed == 2.0
     for wrong in (NAN, -1.0, 1e9):
         panel.speed.value = wrong
-        assert panel.player.speed == 2.0 and panel.speed.value == 2.0
+        assert panel.player.speed == 2.0
+        assert panel.speed.value == 2.0
         assert "speed must be from 0.01 to 100" in view._word.content
 
 
