@@ -30,6 +30,7 @@ _LINE: Color = (205, 40, 40)
 _UPON, _BESIDE = "one upon the other", "side by side"
 _SAMPLES = 2000
 _MOST = 100_000
+_NOTHING, _ROUNDING = 1e-17, 1e-7  # [m or rad] between them a difference is written with its power of ten
 _SMALL = 1e-9  # [m] less than this is not drawn as a line
 
 
@@ -42,6 +43,8 @@ class ComparePanel(Panel):
     ----------
     other : Arm
     signs : sequence of 1 and -1, optional
+        As for `Comparison`.
+    names : tuple of 2 str, optional
         As for `Comparison`.
     beside : bool
         Whether the models stand side by side from the beginning.
@@ -58,8 +61,11 @@ class ComparePanel(Panel):
 
     title = "Compare"
 
-    def __init__(self, other: Arm, *, signs: list[float] | None = None, beside: bool = True) -> None:
+    def __init__(
+        self, other: Arm, *, signs: list[float] | None = None, beside: bool = True, names: tuple[str, str] | None = None
+    ) -> None:
         self._other = other
+        self._names = names
         self._signs = signs
         self._beside = beside
         self._worst: FloatArray | None = None
@@ -67,7 +73,7 @@ class ComparePanel(Panel):
     def build(self, view: View) -> None:
         """Make the controls and the second model."""
         self._view = view
-        self.comparison = Comparison(view.arm, self._other, signs=self._signs)
+        self.comparison = Comparison(view.arm, self._other, signs=self._signs, names=self._names)
         self.other_view = ArmView(view.server, "compare/other", self._other, color=GREEN)
         self._gap = view.server.scene.add_line_segments(
             "/compare/gap", np.zeros((1, 2, 3)), _LINE, thickness=3.0, thickness_units="screen", visible=False
@@ -139,7 +145,7 @@ class ComparePanel(Panel):
             (name, f"{1e3 * difference:+.4f} {'mrad' if turns else 'mm'}", "")
             for name, difference, turns in zip(self._view.arm.joint_names, apart, turning, strict=True)
         ]
-        missed = ("the tip then misses by", _mm(float(found.missed.distance)), _mrad(float(found.missed.angle)))
+        missed = ("tip off by", _mm(float(found.missed.distance)), _mrad(float(found.missed.angle)))
         self.solved.content = _table([*rows, missed]) + _lines([found.reason])
 
     # --- what people do
@@ -187,7 +193,7 @@ class ComparePanel(Panel):
         reach = max(
             self._view.arm.fk_frames(np.zeros(self._view.arm.dof))[:, :3, 3].max(), 10.0 * frame_size(self._view.arm)
         )
-        return np.array([0.0, -0.8 * float(reach), 0.0])
+        return np.array([0.0, -float(reach), 0.0])
 
 
 def _difference(both: Comparison, found: Difference) -> str:
@@ -195,26 +201,34 @@ def _difference(both: Comparison, found: Difference) -> str:
     return _table(
         [
             ("tip", _mm(float(found.distance)), _mrad(float(found.angle))),
-            ("x y z", f"{x:+.4f} {y:+.4f} {z:+.4f} mm", ""),
+            ("along x", f"{x:+.4f} mm", ""),
+            ("along y", f"{y:+.4f} mm", ""),
+            ("along z", f"{z:+.4f} mm", ""),
         ],
-        title=f"{both.other.name} against {both.arm.name}",
+        title="{1} against {0}".format(*both.names),
     )
 
 
 def _mm(metres: float) -> str:
-    return f"{1e3 * metres:.4f} mm" if metres >= 1e-7 or metres == 0.0 else f"{1e3 * metres:.1e} mm"
+    return f"{_thousandths(metres)} mm"
 
 
 def _mrad(radians: float) -> str:
-    return f"{1e3 * radians:.4f} mrad" if radians >= 1e-7 or radians == 0.0 else f"{1e3 * radians:.1e} mrad"
+    return f"{_thousandths(radians)} mrad"
+
+
+def _thousandths(value: float) -> str:
+    """Four decimals, or what rounding has left in two digits."""
+    return f"{1e3 * value:.1e}" if _NOTHING < value < _ROUNDING else f"{1e3 * value:.4f}"
 
 
 def _table(rows: list[tuple[str, str, str]], *, title: str = "") -> str:
     cells = "".join(
-        f"<tr>{''.join(f'<td style=padding-right:0.8em>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in rows
+        f"<tr>{''.join(f'<td style=padding-right:0.8em;white-space:nowrap>{html.escape(cell)}</td>' for cell in row)}</tr>"
+        for row in rows
     )
     head = f"<div><b>{html.escape(title)}</b></div>" if title else ""
-    return f'<div style="padding:0.3em 0.8em;font-size:0.85em">{head}<table>{cells}</table></div>'
+    return f'<div style="padding:0.3em 0.8em;font-size:0.8em">{head}<table>{cells}</table></div>'
 
 
 def _lines(said: list[str] | tuple[str, ...]) -> str:

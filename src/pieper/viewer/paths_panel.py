@@ -109,7 +109,7 @@ class PathsPanel(Panel):
         self.time: Any = gui.add_slider(
             "Time [s]", min=0.0, max=self._end, step=self._end / _OF_SLIDER, initial_value=0.0
         )
-        self.loop: Any = gui.add_checkbox("Again and again", self.player.loop)
+        self.loop: Any = gui.add_checkbox("Loop", self.player.loop)
         self.speed: Any = gui.add_number("Speed", self.player.speed, min=_SPEEDS[0], max=_SPEEDS[1], step=0.1)
         self.send: Any = gui.add_button("Send the arm here", hint="The arm of the other panels, within its limits")
         self.summary: Any = gui.add_html("".join(_line(track) for track in tracks))
@@ -274,7 +274,10 @@ class PathsPanel(Panel):
             self.plot = self._view.server.gui.add_uplot(
                 self._data(made),
                 tuple(series),
-                scales={"x": {"time": False}, "y": {"distr": 3} if logarithmic else {}},
+                scales={
+                    "x": {"time": False},
+                    "y": {"distr": 3 if logarithmic else 1, "range": _around(made.y, logarithmic)},
+                },
                 axes=(
                     {"label": made.x_label, "labelSize": 20.0, "size": 34.0},
                     {"label": made.y_label, "labelSize": 20.0, "size": 56.0},
@@ -299,6 +302,17 @@ class PathsPanel(Panel):
         here = int(np.argmin(np.abs(made.x - now)))
         mark[here] = made.y[0, here]
         return made.x, *made.y, mark
+
+
+def _around(y: FloatArray, logarithmic: bool) -> tuple[float, float]:
+    """From where to where an axis goes that holds some values; without it the values of the mark, mostly NaN, would count."""
+    if logarithmic:
+        seen = y[y > 0.0]
+        low, high = (float(seen.min()), float(seen.max())) if seen.size else (0.1, 1.0)
+        return 10.0 ** np.floor(np.log10(low)), 10.0 ** np.ceil(np.log10(1.001 * high))
+    low, high = float(y.min()), float(y.max())
+    margin = 0.05 * (high - low) or 1.0
+    return low - margin, high + margin
 
 
 def _cycled(count: int) -> list[str]:

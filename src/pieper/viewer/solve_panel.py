@@ -29,7 +29,7 @@ RED: Color = (205, 40, 40)
 AMBER: Color = (225, 155, 20)
 """Of solutions outside the joint limits."""
 
-BLUE: Color = (90, 160, 230)
+BLUE: Color = (40, 120, 220)
 """Of the other solutions."""
 
 GHOSTS = 16
@@ -45,6 +45,7 @@ _WORDS: dict[str, tuple[Kind, str | None]] = {
 _NONE = "none"
 _PREVIOUS, _NEXT = "previous", "next"
 _SAME = 1e-9  # of the entries of two rotations
+_DIGITS_OF_METRES, _DIGITS_OF_DEGREES = 9, 7
 _SHARE = 1000  # steps of the slider along a curve
 
 
@@ -99,7 +100,7 @@ class SolvePanel(Panel):
         arm = self._view.arm
         size = frame_size(arm)
         self._root = scene.add_frame("/solve", show_axes=False, visible=self._shown)
-        self.ghosts = GhostsView(self._view.server, "solve/ghosts", arm, color=BLUE, opacity=0.2)
+        self.ghosts = GhostsView(self._view.server, "solve/ghosts", arm, color=BLUE, opacity=0.3)
         self.apart = GhostsView(self._view.server, "solve/apart", arm, color=RED, opacity=0.55)
         self._gap = scene.add_line_segments(
             "/solve/gap", np.zeros((1, 2, 3)), RED, thickness=3.0, thickness_units="screen", visible=False
@@ -111,9 +112,11 @@ class SolvePanel(Panel):
         self.message: Any = gui.add_html("")
         self.shown: Any = gui.add_checkbox("Handle and ghosts", self._shown)
         self.kind: Any = gui.add_dropdown("Target", tuple(_WORDS), initial_value=self._words_of(self.solving.solved))
-        self.position: Any = gui.add_vector3("x y z [m]", (0.0, 0.0, 0.0), step=0.001)
-        self.rpy: Any = gui.add_vector3("r p y [deg]", (0.0, 0.0, 0.0), step=0.1)
-        self.position.precision, self.rpy.precision = 6, 4
+        self.position: list[Any] = [gui.add_number(f"{name} [m]", 0.0, step=0.001) for name in "xyz"]
+        self.rpy: list[Any] = [gui.add_number(f"{name} [deg]", 0.0, step=0.1) for name in ("roll", "pitch", "yaw")]
+        for boxes, digits in ((self.position, _DIGITS_OF_METRES), (self.rpy, _DIGITS_OF_DEGREES)):
+            for box in boxes:
+                box.precision = digits
         self.solutions: Any = gui.add_dropdown("Solution", (_NONE,), hint="All that were found")
         self.step_buttons: Any = gui.add_button_group("Step", (_PREVIOUS, _NEXT), hint="Also with the keys P and N")
         self.along: Any = gui.add_slider(
@@ -126,8 +129,7 @@ class SolvePanel(Panel):
         for control, act in (
             (self.shown, self._toggled),
             (self.kind, self._ask),
-            (self.position, self._typed),
-            (self.rpy, self._typed),
+            *((box, self._typed) for box in (*self.position, *self.rpy)),
             (self.solutions, self._chosen),
             (self.along, self._slid),
             (self.keep_branch, self._kept),
@@ -213,7 +215,7 @@ class SolvePanel(Panel):
                 self._put_gizmo(solved)
 
     def _typed(self) -> None:
-        self.solving.move_to(self.position.value, np.radians(np.array(self.rpy.value)))
+        self.solving.move_to([box.value for box in self.position], self._typed_rpy())
         self.redraw()
 
     def _ask(self) -> None:
@@ -264,17 +266,26 @@ class SolvePanel(Panel):
     def _write_target(self, solved: Solved, before: Solved | None, *, dragging: bool) -> None:
         if before is None or before.T_base_target is not solved.T_base_target or solved.notice:
             T = solved.T_base_target
-            self.position.value = tuple(T[:3, 3].tolist())
-            typed = np.radians(np.array(self.rpy.value))
+            self._fill(self.position, T[:3, 3])
+            typed = self._typed_rpy()
             # at a gimbal lock many triples are one orientation: what was typed stays
             if not np.isfinite(typed).all() or np.abs(rotation.from_rpy(typed) - T[:3, :3]).max() > _SAME:
-                self.rpy.value = tuple((np.degrees(rotation.as_rpy(T[:3, :3])) + 0.0).tolist())
+                self._fill(self.rpy, np.degrees(rotation.as_rpy(T[:3, :3])))
             if not dragging:
                 self._put_gizmo(solved)
         if before is None or before.kind != solved.kind:
             self.gizmo.disable_rotations = solved.kind == "position"
             self.kind.value = self._words_of(solved)
-            self.rpy.visible = solved.kind != "position"
+            for box in self.rpy:
+                box.visible = solved.kind != "position"
+
+    def _typed_rpy(self) -> FloatArray:
+        return np.radians(np.array([box.value for box in self.rpy], dtype=np.float64))
+
+    @staticmethod
+    def _fill(boxes: list[Any], values: FloatArray) -> None:
+        for box, value in zip(boxes, values.tolist(), strict=True):
+            box.value = value + 0.0  # no minus before zero
 
     def _write_solutions(self, solved: Solved) -> None:
         names = tuple(
