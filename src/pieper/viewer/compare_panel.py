@@ -10,7 +10,7 @@ import numpy as np
 from pieper.errors import PieperError
 from pieper.viewer.arm_view import ArmView, frame_size
 from pieper.viewer.compare import Comparison, Difference
-from pieper.viewer.panel import Panel
+from pieper.viewer.panel import Panel, Window
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from pieper.motion.robot import RobotState
     from pieper.spatial._checks import FloatArray
     from pieper.viewer.surface import Color
-    from pieper.viewer.view import View
 
 GREEN: Color = (0, 150, 110)
 """Of the second model."""
@@ -70,7 +69,7 @@ class ComparePanel(Panel):
         self._beside = beside
         self._worst: FloatArray | None = None
 
-    def build(self, view: View) -> None:
+    def build(self, view: Window) -> None:
         """Make the controls and the second model."""
         self._view = view
         self.comparison = Comparison(view.arm, self._other, signs=self._signs, names=self._names)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pieper.spatial import rotation
-from pieper.viewer.panel import Panel
+from pieper.viewer.panel import Panel, Window
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from pieper.arm import Arm
     from pieper.model.chain import FloatArray
     from pieper.motion.robot import RobotState
-    from pieper.viewer.view import View
 
 _READOUT_PERIOD = 0.1  # [s]
 _DECIMALS = 9  # of what is typed into a number box
@@ -159,7 +158,7 @@ class JogPanel(Panel):
         self._stale = True
         self.sliders: list[Any] = []
 
-    def build(self, view: View) -> None:
+    def build(self, view: Window) -> None:
         """Make the controls."""
         self._view = view
         gui, arm = view.server.gui, view.arm

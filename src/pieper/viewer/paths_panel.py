@@ -10,7 +10,7 @@ import numpy as np
 
 from pieper.errors import ArrayError, PieperError
 from pieper.viewer.arm_view import ArmView
-from pieper.viewer.panel import Panel
+from pieper.viewer.panel import Panel, Window
 from pieper.viewer.paths import Player, Plot, Track
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from pieper.spatial._checks import FloatArray
     from pieper.viewer.surface import Color
-    from pieper.viewer.view import View
 
 _PLAY, _PAUSE, _BACK = "play", "pause", "to the start"
 _PLOTS = ("joints", "tip", "error")
@@ -69,7 +68,7 @@ class PathsPanel(Panel):
         self._since_mark = 0.0
         self._plot: Plot | None = None
 
-    def build(self, view: View) -> None:
+    def build(self, view: Window) -> None:
         """Make the arms, their traces and the controls."""
         self._view = view
         several = len(self.player.tracks) > 1

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pieper.viewer.panel import Panel
+from pieper.viewer.panel import Panel, Window
 
 if TYPE_CHECKING:
     from pieper.model.chain import FloatArray
     from pieper.motion.robot import RobotState
-    from pieper.viewer.view import View
 
 MOST_TRACE_POINTS = 2000
 _TRACE_PERIOD = 0.1  # [s]
@@ -85,7 +84,7 @@ class SceneryPanel(Panel):
         self._since = 0.0
         self._stale = False
 
-    def build(self, view: View) -> None:
+    def build(self, view: Window) -> None:
         """Make the ground and the controls."""
         self._view = view
         self.trace = Trace(apart=0.002 * view.size)

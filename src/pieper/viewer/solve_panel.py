@@ -11,7 +11,7 @@ import numpy as np
 from pieper.errors import PieperError
 from pieper.spatial import rotation
 from pieper.viewer.arm_view import GhostsView, frame_size
-from pieper.viewer.panel import Panel
+from pieper.viewer.panel import Panel, Window
 from pieper.viewer.solve import Kind, Solved, Solving
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from pieper.spatial._checks import FloatArray
     from pieper.viewer.surface import Color
-    from pieper.viewer.view import View
 
 RED: Color = (205, 40, 40)
 """Of an arm that does not meet its target."""
@@ -88,7 +87,7 @@ class SolvePanel(Panel):
         self._dragged: tuple[tuple[float, ...], tuple[float, ...]] | None = None
         self._span: tuple[float, float, float] | None = None
 
-    def build(self, view: View) -> None:
+    def build(self, view: Window) -> None:
         """Make the controls and what they move in the scene."""
         self._view = view
         self.solving = Solving(view.arm, view.q, **self._options)
