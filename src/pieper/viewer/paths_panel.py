@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 _PLAY, _PAUSE, _BACK = "play", "pause", "to the start"
 _PLOTS = ("joints", "tip", "error")
 _OF_SLIDER = 1000  # steps of the slider of time
+_DIGITS = 3  # of the time that is shown [s]
 _NOW_PERIOD = 0.2  # [s] between two marks of the time in the plot
 _SPEEDS = (0.01, 100.0)
 _WIDTH = 340  # of the window of plots [px]
@@ -186,6 +187,7 @@ class PathsPanel(Panel):
             self.player.play()
         else:
             self.player.pause()
+            self._mark()
         if self.buttons.value == _BACK:
             self.seek(0.0)
 
@@ -237,7 +239,7 @@ class PathsPanel(Panel):
         """Where the clock stands."""
         self._quiet = True
         try:
-            self.time.value = min(self.player.time, self._end)
+            self.time.value = round(min(self.player.time, self._end), _DIGITS)
         finally:
             self._quiet = False
 

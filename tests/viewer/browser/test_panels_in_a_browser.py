@@ -247,6 +247,7 @@ def test_row_e7_a_path_is_played_and_run_through(opened):
 def test_row_d7_d10_dh_frames_of_a_youbot(opened):
     """Rows D7 and D10: the frames of the DH rows, with names and axes."""
     view, page = opened("youbot", dh="full", frames=True, axes=False)
+    view.arm_view.opacity = 0.4  # or the frames are inside
     view.command(view.limited([2.0, 1.2, -1.4, 1.9, 2.5]))
     page.wait_for_timeout(2000)
     keep(page, "youbot_dh_frames")
