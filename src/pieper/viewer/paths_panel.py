@@ -65,6 +65,7 @@ class PathsPanel(Panel):
         self.player = Player(tracks)
         self._plays_first = playing
         self._quiet = False  # while the panel itself writes into its boxes
+        self._closed = False
         self._drawn: float | None = None
         self._since_mark = 0.0
         self._plot: Plot | None = None
@@ -149,8 +150,12 @@ class PathsPanel(Panel):
 
     def on_command(self, q: FloatArray) -> None:
         """Another panel moves the arm: it is seen again."""
-        if not self._quiet:
+        if not self._quiet and not self._closed:
             self._view.arm_view.visible = True
+
+    def close(self) -> None:
+        """Nothing is drawn any more."""
+        self._closed = True
 
     def seek(self, time: float) -> None:
         """Go to a time [s]."""

@@ -52,7 +52,7 @@ def chromium():
 
 
 @pytest.fixture
-def opened(chromium):
+def opened(chromium, capfd):
     """Opens a window with panels in a browser, and gives both."""
     made, wrong = [], []
 
@@ -74,6 +74,7 @@ def opened(chromium):
     for thing in made:
         thing.close()
     assert not wrong
+    assert "Traceback" not in capfd.readouterr().err  # viser prints what fails in its threads
 
 
 def until(met, page=None, patience=PATIENCE):
