@@ -6,8 +6,10 @@ import os
 import signal
 import sys
 from contextlib import contextmanager
+from dataclasses import replace
+from itertools import cycle
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -19,9 +21,13 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from pieper.arm import Arm
+    from pieper.spatial._checks import FloatArray
     from pieper.viewer.panel import Panel
+    from pieper.viewer.paths import Track
 
 _THEMES = ("light", "dark")
+_STEPS = 1000  # of an iteration at most
+_CLOSE = 1e-3  # [m] where it ends
 
 
 def view(
@@ -30,13 +36,32 @@ def view(
         str | None, typer.Option("--q", metavar="Q1,Q2,...", help="Joint values at the beginning, separated by commas.")
     ] = None,
     degrees: Degrees = False,
+    solve: Annotated[
+        bool, typer.Option("--solve", help="Begin with the handle at the tip, and every solution as a ghost.")
+    ] = False,
     compare: Annotated[
-        str | None, typer.Option("--compare", metavar="OTHER", help="A second model beside it, and how they differ.")
+        str | None,
+        typer.Option(
+            "--compare",
+            metavar="OTHER",
+            help="A second model beside it, and how they differ; ROBOT:TABLE for DH rows on record.",
+        ),
     ] = None,
     trajectory: Annotated[
         list[Path] | None,
         typer.Option("--trajectory", metavar="FILE", help="A motion to play, .csv, .json or .npz; may be repeated."),
     ] = None,
+    iterate: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option("--iterate", metavar="X Y Z", help="Play the steps of the Jacobian iteration to a position [m]."),
+    ] = None,
+    gain: Annotated[
+        list[float] | None,
+        typer.Option("--gain", metavar="K", help="Of that iteration, 0.1 by itself; may be repeated, to compare."),
+    ] = None,
+    hold: Annotated[
+        bool, typer.Option("--hold", help="The iteration holds the orientation, and does not ignore it.")
+    ] = False,
     export: Annotated[
         Path | None,
         typer.Option("--export", metavar="FILE.html", help="Write the scene as one page that opens offline, and end."),
@@ -67,11 +92,22 @@ def view(
     start = seed_values(robot, q, degrees=degrees, option="--q")
 
     from pieper.sim.kinematic import KinematicSimulator
+    from pieper.viewer.paths import COLORS
+    from pieper.viewer.paths_panel import PathsPanel
     from pieper.viewer.server import USUAL_PORT, Server
+    from pieper.viewer.solve_panel import SolvePanel
     from pieper.viewer.view import View
 
     simulated = KinematicSimulator(robot.chain, q=start)
-    panels = _panels(robot, compare, trajectory or [])
+    panels: list[Panel] = [SolvePanel(shown=solve)] if robot.dof else []
+    if compare is not None:
+        panels.append(_comparison(arm, robot, compare))
+    tracks = [
+        *_files(robot, trajectory or []),
+        *_iterations(robot, simulated.read().q, iterate, gain or [0.1], hold=hold),
+    ]
+    if tracks:
+        panels.append(PathsPanel([replace(track, color=color) for track, color in zip(tracks, cycle(COLORS))]))
     server = Server(0 if export is not None else port, label=robot.name)
     try:
         window = View(
@@ -106,24 +142,38 @@ def view(
     return 0
 
 
-def _panels(robot: Arm, compare: str | None, trajectories: list[Path]) -> list[Panel]:
-    """The tabs beside those that every window has."""
-    from pieper.motion import files
+def _comparison(name: str, robot: Arm, other: str) -> Panel:
     from pieper.viewer.compare_panel import ComparePanel
-    from pieper.viewer.paths import COLORS, Track
-    from pieper.viewer.paths_panel import PathsPanel
-    from pieper.viewer.solve_panel import SolvePanel
 
-    panels: list[Panel] = [SolvePanel()] if robot.dof else []
-    if compare is not None:
-        panels.append(ComparePanel(load(compare)))
-    if trajectories:
-        tracks = [
-            Track.of(robot, files.read(path), name=path.name, color=COLORS[number % len(COLORS)])
-            for number, path in enumerate(trajectories)
-        ]
-        panels.append(PathsPanel(tracks))
-    return panels
+    return ComparePanel(load(other), names=(name, other if other != name else f"{other} (2)"))
+
+
+def _files(robot: Arm, trajectories: list[Path]) -> list[Track]:
+    """Motions out of files."""
+    from pieper.motion import files
+    from pieper.viewer.paths import Track
+
+    return [Track.of(robot, files.read(path), name=path.name) for path in trajectories]
+
+
+def _iterations(
+    robot: Arm, q: FloatArray, goal: tuple[float, float, float] | None, gains: list[float], *, hold: bool
+) -> list[Track]:
+    """The steps of an iteration, once for each gain."""
+    if goal is None:
+        return []
+    from pieper.ik.iteration import iterate
+    from pieper.viewer.paths import Track
+
+    options: dict[str, Any] = {
+        "orientation": "hold" if hold else "ignore",
+        "iterations": _STEPS,
+        "position_stop": _CLOSE,
+    }
+    return [
+        Track.from_steps(robot, iterate(robot.chain, goal, q, k1=gain, **options), name=f"gain {gain:g}")
+        for gain in gains
+    ]
 
 
 def _has_display() -> bool:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 _PLAY, _PAUSE, _BACK = "play", "pause", "to the start"
 _PLOTS = ("joints", "tip", "error")
 _OF_SLIDER = 1000  # steps of the slider of time
+_DIGITS = 3  # of the time that is shown [s]
 _NOW_PERIOD = 0.2  # [s] between two marks of the time in the plot
 _SPEEDS = (0.01, 100.0)
 _WIDTH = 340  # of the window of plots [px]
@@ -64,6 +65,7 @@ class PathsPanel(Panel):
         self.player = Player(tracks)
         self._plays_first = playing
         self._quiet = False  # while the panel itself writes into its boxes
+        self._closed = False
         self._drawn: float | None = None
         self._since_mark = 0.0
         self._plot: Plot | None = None
@@ -148,8 +150,12 @@ class PathsPanel(Panel):
 
     def on_command(self, q: FloatArray) -> None:
         """Another panel moves the arm: it is seen again."""
-        if not self._quiet:
+        if not self._quiet and not self._closed:
             self._view.arm_view.visible = True
+
+    def close(self) -> None:
+        """Nothing is drawn any more."""
+        self._closed = True
 
     def seek(self, time: float) -> None:
         """Go to a time [s]."""
@@ -186,6 +192,7 @@ class PathsPanel(Panel):
             self.player.play()
         else:
             self.player.pause()
+            self._mark()
         if self.buttons.value == _BACK:
             self.seek(0.0)
 
@@ -237,7 +244,7 @@ class PathsPanel(Panel):
         """Where the clock stands."""
         self._quiet = True
         try:
-            self.time.value = min(self.player.time, self._end)
+            self.time.value = round(min(self.player.time, self._end), _DIGITS)
         finally:
             self._quiet = False
 

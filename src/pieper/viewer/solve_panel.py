@@ -82,6 +82,7 @@ class SolvePanel(Panel):
         self._options: dict[str, Any] = {"kind": kind, "axis": axis, "keep_branch": keep_branch, "most": GHOSTS}
         self._shown = shown
         self._quiet = False  # while the panel itself writes into its boxes
+        self._closed = False
         self._own = False  # while the panel itself sends the arm somewhere
         self._drawn: Solved | None = None
         self._dragged: tuple[tuple[float, ...], tuple[float, ...]] | None = None
@@ -142,9 +143,13 @@ class SolvePanel(Panel):
 
     def on_command(self, q: FloatArray) -> None:
         """The arm was sent elsewhere by another panel: the target goes where its tip will be."""
-        if not self._own:
+        if not self._own and not self._closed:
             self.solving.put(q)
             self.redraw(command=False)
+
+    def close(self) -> None:
+        """Nothing is drawn any more; the one in control leaves when the server ends, which stops the arm."""
+        self._closed = True
 
     def next(self) -> None:
         """Take the next solution."""
