@@ -50,7 +50,8 @@ def test_row_b17_ik_of_both_models():
 def test_kr210_by_dh_rows_and_by_urdf_are_one():
     both = Comparison(pieper.load("kr210"), pieper.Arm(from_dh(catalog.dh_tables("kr210")["report"])))
     spread = both.spread(2000)
-    assert spread.largest_distance < ROUNDING and spread.largest_angle < ROUNDING
+    assert spread.largest_distance < ROUNDING
+    assert spread.largest_angle < ROUNDING
 
 
 def test_joint_values_there_and_back():
@@ -82,7 +83,8 @@ def test_a_tip_that_lies_otherwise_is_turned_or_left():
     turned, left = Comparison(kr210, l150), Comparison(kr210, l150, turn_tip=False)
     assert float(turned.difference(np.zeros(6)).angle) < ROUNDING
     assert float(left.difference(np.zeros(6)).angle) == pytest.approx(np.pi / 2)
-    assert any("is turned by 90 deg" in rule for rule in turned.rules) and len(left.rules) == 1
+    assert any("is turned by 90 deg" in rule for rule in turned.rules)
+    assert len(left.rules) == 1
 
 
 def test_signs_can_be_given():
@@ -104,7 +106,8 @@ def test_random_joints_keep_the_limits_of_both():
         assert mine[0] <= lower <= upper <= mine[1]
         assert its[0] <= lower <= upper <= its[1]
     free = Comparison(pieper.load("gen3"), pieper.load("gen3"))  # joints without limits
-    assert np.isfinite(free.limits).all() and np.ptp(free.limits, axis=1).max() == pytest.approx(2.0 * np.pi)
+    assert np.isfinite(free.limits).all()
+    assert np.ptp(free.limits, axis=1).max() == pytest.approx(2.0 * np.pi)
 
 
 def test_a_pose_out_of_reach_is_told():
@@ -112,7 +115,8 @@ def test_a_pose_out_of_reach_is_told():
     T = both.arm.fk(np.zeros(6)).copy()
     T[0, 3] = 9.0
     found = both.solve(T, np.zeros(6))
-    assert (
-        found.reason.startswith("kuka_kr210_robond: out of reach") and "kuka_kr210_l150: out of reach" in found.reason
-    )
-    assert np.isfinite(found.q).all() and np.isfinite(found.q_other).all() and float(found.missed.distance) > 1.0
+    assert found.reason.startswith("kuka_kr210_robond: out of reach")
+    assert "kuka_kr210_l150: out of reach" in found.reason
+    assert np.isfinite(found.q).all()
+    assert np.isfinite(found.q_other).all()
+    assert float(found.missed.distance) > 1.0

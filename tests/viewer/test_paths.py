@@ -38,7 +38,7 @@ def test_row_e7_the_path_of_an_iteration_and_how_straight_it_is(k1, count, off):
 def test_row_e6_the_trace_is_that_of_the_reference():
     """Rows E4 to E6: the tip after each step, as computed elsewhere."""
     with (GOLDEN / "ur5e_path_k1_0.1.csv").open() as file:
-        rows = [row for row in csv.reader(line for line in file if not line.startswith("#"))]
+        rows = list(csv.reader(line for line in file if not line.startswith("#")))
     expected = np.array([[float(value) for value in row[1:4]] for row in rows if row[0].isdigit()])
     track = Track.from_steps(arm, steps(0.1))
     tips = track.tips(track.times)
@@ -84,7 +84,9 @@ def test_plots_have_the_values_of_the_motion():
     move = joint_move(arm.chain, [0.0, -1.0, 1.0, 0.0, 0.0, 0.0], [1.0, -1.5, 0.5, 0.3, 0.2, 2.0])
     track = Track.of(arm, move)
     joints, tip = track.joint_plot(), track.tip_plot()
-    assert joints.names == arm.joint_names and joints.y_label == "deg" and tip.names == ("x", "y", "z")
+    assert joints.names == arm.joint_names
+    assert joints.y_label == "deg"
+    assert tip.names == ("x", "y", "z")
     k = len(joints.x) // 3
     q = track.at(float(joints.x[k]))
     np.testing.assert_allclose(np.radians(joints.y[:, k]), q, atol=1e-12)
@@ -95,7 +97,8 @@ def test_plots_have_the_values_of_the_motion():
 def test_points_of_long_trajectories_are_thinned_out():
     t = np.linspace(0.0, 10.0, 100_000)
     track = Track.of(arm, Trajectory(t, np.sin(t)[:, None] * np.ones(6)))
-    assert len(track.times) < 1000 and len(track.joint_plot().x) <= 300
+    assert len(track.times) < 1000
+    assert len(track.joint_plot().x) <= 300
 
 
 def player(*durations, **options):
@@ -119,13 +122,17 @@ def test_play_pause_seek_and_the_end():
     assert one.advance(1.0) == 0.5
     one.pause()
     assert one.advance(1.0) == 0.5
-    assert one.seek(1.9) == 1.9 and one.seek(7.0) == 2.0 and one.seek(-1.0) == 0.0
+    assert one.seek(1.9) == 1.9
+    assert one.seek(7.0) == 2.0
+    assert one.seek(-1.0) == 0.0
     assert one.seek(float("nan")) == 0.0
     one.seek(1.9)
     one.play()
-    assert one.advance(1.0) == 2.0 and not one.playing
+    assert one.advance(1.0) == 2.0
+    assert not one.playing
     one.play()
-    assert one.time == 0.0 and one.playing  # from the beginning
+    assert one.time == 0.0
+    assert one.playing
     with pytest.raises(ArrayError, match="speed must be a positive number"):
         one.speed = float("nan")
 
@@ -133,7 +140,9 @@ def test_play_pause_seek_and_the_end():
 def test_a_motion_of_one_point_and_no_motion_at_all_rest():
     for still in (Player([]), Player([Track.of(arm, Trajectory([0.0], [[0.0] * 6]))])):
         still.play()
-        assert still.duration == 0.0 and not still.playing and still.advance(1.0) == 0.0
+        assert still.duration == 0.0
+        assert not still.playing
+        assert still.advance(1.0) == 0.0
     assert Track.of(arm, Trajectory([0.0], [[0.0] * 6])).straightness == 0.0
 
 

@@ -73,7 +73,9 @@ def test_putting_the_arm_somewhere_takes_the_solution_where_it_is(name):
 def test_a_ur5e_shows_all_eight_with_their_labels():
     solving = Solving(arm_of["ur5e"], START)
     solved = solving.solved
-    assert len(solved.q) == 8 and len(solved.ghosts) == 7 and len(set(solved.labels)) == 8
+    assert len(solved.q) == 8
+    assert len(solved.ghosts) == 7
+    assert len(set(solved.labels)) == 8
     assert solved.labels[solved.chosen] == "front, elbow up, flip"
     np.testing.assert_allclose(solved.q[solved.chosen], START, atol=1e-9)
     assert "solution 2 of 8: front, elbow up, flip" in solved.sentence
@@ -83,7 +85,8 @@ def test_steps_go_round_all_branches_and_back():
     solving = Solving(arm_of["ur5e"], START)
     first = solving.solved.chosen
     seen = [solving.step().chosen for _ in range(8)]
-    assert sorted(seen) == list(range(8)) and seen[-1] == first
+    assert sorted(seen) == list(range(8))
+    assert seen[-1] == first
     assert solving.step(-1).chosen == seen[-2]
     assert solving.choose(3).labels[3] == solving.solved.labels[solving.solved.chosen]
 
@@ -129,11 +132,14 @@ def test_out_of_reach_is_told_with_the_nearest_pose():
     solving = Solving(arm, START)
     q = solving.q
     solved = solving.move_to([2.0, 0.0, 0.3])
-    assert not solved.reached and solved.chosen is None and len(solved.q) == 0
+    assert not solved.reached
+    assert solved.chosen is None
+    assert len(solved.q) == 0
     assert solved.reason.startswith("out of reach by 1.04 m")
     T = arm.fk(solved.nearest)
     assert np.linalg.norm(T[:3, 3] - [2.0, 0.0, 0.3]) == pytest.approx(solved.position_error, abs=1e-9)
-    assert (solved.nearest >= arm.limits[:, 0]).all() and (solved.nearest <= arm.limits[:, 1]).all()
+    assert (solved.nearest >= arm.limits[:, 0]).all()
+    assert (solved.nearest <= arm.limits[:, 1]).all()
     np.testing.assert_array_equal(solved.q_shown, solved.nearest)
     np.testing.assert_array_equal(solving.q, q)  # where it goes on from when the target comes back
     back = solving.move_to(arm.fk(START)[:3, 3], dragging=True)
@@ -145,10 +151,15 @@ def test_outside_limits_is_told_and_can_be_looked_at():
     solving = Solving(arm)
     T = arm.fk([0.0, 3.0, 0.0, 0.0, 0.5, 0.0])  # joint 2 ends at 2.7 rad
     solved = solving.move_to(T[:3, 3], xyzw=rotation.as_quaternion(T[:3, :3]))
-    assert not solved.reached and not solved.inside.any() and len(solved.q)
-    assert "every solution violates" in solved.reason and solved.nearest is not None
+    assert not solved.reached
+    assert not solved.inside.any()
+    assert len(solved.q)
+    assert "every solution violates" in solved.reason
+    assert solved.nearest is not None
     looked = solving.step()
-    assert looked.chosen == 0 and not looked.reached and "outside the joint limits" in looked.sentence
+    assert looked.chosen == 0
+    assert not looked.reached
+    assert "outside the joint limits" in looked.sentence
     assert meets(looked, arm, looked.q_shown)
     assert solving.step(-1).chosen == len(looked.q) - 1
 
@@ -180,7 +191,8 @@ def test_an_arm_with_seven_joints_slides_along_its_curve_within_limits(name):
         for place in np.linspace(start, end, 9):
             before = solving.q
             solved = solving.slide(float(place))
-            assert meets(solved, arm, solved.q_shown) and solved.reached
+            assert meets(solved, arm, solved.q_shown)
+            assert solved.reached
             np.testing.assert_array_equal(solved.T_base_target, T)
             again = solving.span()
             np.testing.assert_allclose(again[:2], (start, end), atol=1e-6)
@@ -192,13 +204,15 @@ def test_an_arm_with_seven_joints_slides_along_its_curve_within_limits(name):
 def test_six_joints_slide_where_a_row_is_free_and_stay_where_none_is():
     arm = arm_of["kr210"]
     solving = Solving(arm, [0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
-    assert solving.curve is None and solving.span() is None
+    assert solving.curve is None
+    assert solving.span() is None
     assert "no joint can move" in solving.slide(0.0).notice
     solving.ask_for("axis")
     start, end, _ = solving.span()
     for place in (start, 0.5 * (start + end), end):
         solved = solving.slide(place)
-        assert meets(solved, arm, solved.q_shown) and solved.reached
+        assert meets(solved, arm, solved.q_shown)
+        assert solved.reached
     solving.ask_for("pose")  # the target is what it was, not where the tip has turned to
     assert meets(solving.solved, arm, solving.q)
     straight = Solving(arm, [0.1, 0.2, 0.3, 0.4, 0.0, 0.6])
@@ -223,7 +237,8 @@ def test_malformed_numbers_change_nothing_and_are_told(name, wrong):
         (lambda: solving.put(q[1:]), f"takes {arm.dof} finite joint values, got ("),
     ):
         solved = call()
-        assert said in solved.notice and said in solved.sentence
+        assert said in solved.notice
+        assert said in solved.sentence
         np.testing.assert_array_equal(solved.T_base_target, before.T_base_target)
         np.testing.assert_array_equal(solved.q, before.q)
         assert solved.chosen == before.chosen
@@ -240,7 +255,8 @@ def test_no_numbers_make_it_fail(name, kind, numbers, dragging):
     arm = arm_of[name]
     solving = Solving(arm, kind=kind)
     for solved in (solving.move_to(numbers[:3], numbers[3:], dragging=dragging), solving.step(), solving.step(-1)):
-        assert solved.sentence and np.isfinite(solved.T_base_target).all()
+        assert solved.sentence
+        assert np.isfinite(solved.T_base_target).all()
         shown = solved.q_shown
         assert shown is None or np.isfinite(shown).all()
     solving.slide(numbers[0])
@@ -249,7 +265,8 @@ def test_no_numbers_make_it_fail(name, kind, numbers, dragging):
 def test_many_samples_are_thinned_out_and_stay_apart():
     solving = Solving(arm_of["kr210"], [0.1, 0.2, 0.3, 0.4, 0.5, 0.6], kind="position", most=8)
     solved = solving.solved
-    assert solved.count > 30 and len(solved.q) == 8
+    assert solved.count > 30
+    assert len(solved.q) == 8
     apart = np.abs(solved.q[:, None] - solved.q).max(axis=-1) + 9.0 * np.eye(8)
     assert apart.min() > 0.5
     assert f"of 8 shown, {solved.count} found" in solved.sentence

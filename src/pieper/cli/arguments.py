@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pieper.cli import record
+from pieper.errors import UnknownNameError, unknown_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pieper.arm import Arm
+    from pieper.model.dh import DhTable
 
 ArmName = Annotated[str, typer.Argument(metavar="ARM", help="A built-in robot, or a URDF, xacro or JSON file.")]
 Base = Annotated[str | None, typer.Option("--base", metavar="LINK", help="Link where the arm begins.")]
@@ -46,11 +49,29 @@ Seed = Annotated[
 
 
 def load(name: str, *, base: str | None = None, tip: str | None = None, nominal: bool = False) -> Arm:
-    """The arm that the command line names."""
+    """The arm that the command line names: a robot, a file, or a DH table on record, as in ``kr210:report``."""
     import pieper
 
-    what = record.from_file(name) if name.lower().endswith(".json") else name
-    return pieper.load(what, base=base, tip=tip, nominal=nominal)
+    if name.lower().endswith(".json"):
+        return pieper.load(record.from_file(name), base=base, tip=tip, nominal=nominal)
+    table = _table_on_record(name)
+    return pieper.load(name if table is None else table, base=base, tip=tip, nominal=nominal)
+
+
+def _table_on_record(name: str) -> DhTable | None:
+    """The table that ``ROBOT:TABLE`` means; None for other words."""
+    robot, colon, label = name.partition(":")
+    if not colon or Path(name).exists():
+        return None
+    from pieper.model import catalog
+
+    try:
+        tables = catalog.dh_tables(robot)
+    except UnknownNameError:
+        return None  # C:\..., or what the loader tells better
+    if label not in tables:
+        raise unknown_name("DH table", label, sorted(tables), f"the records of {robot!r}")
+    return tables[label]
 
 
 def joint_values(arm: Arm, values: Sequence[float], *, degrees: bool) -> NDArray[np.float64]:

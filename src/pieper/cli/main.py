@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pieper.cli import convert, fk, ik, info, launch, plot, reach, render, robots, ros
+from pieper.cli import convert, fk, ik, info, launch, plot, reach, render, robots, ros, view
 from pieper.cli.node import RosCommand
 from pieper.errors import MissingExtraError, MissingLibraryError, PieperError, PieperWarning
 
@@ -43,6 +43,7 @@ for _verb, _summary in {
     ik: "Joint values that reach a target.",
     reach: "Reach a target from zero, and show the way.",
     render: "Draw an arm, or a film of its motion.",
+    view: "Open an arm in the browser.",
     convert: "Write an arm as DH rows, screws, URDF, formulas.",
 }.items():
     app.command(short_help=_summary)(getattr(_verb, _verb.__name__.rpartition(".")[2]))

@@ -11,5 +11,8 @@
 `panel`        what a tab of the window is
 `jog`          the tab with a slider for each joint
 `scenery`      the tab with ground, frames, axes and trace
+`solve`        what a dragged target means: every solution, and the one taken; `solve_panel` is its tab
+`compare`      two models of an arm, and how they differ; `compare_panel`
+`paths`        motions to play, and the path of an iteration; `paths_panel`
 =============  ======================================================================================
 """

@@ -112,6 +112,8 @@ class Comparison:
         One for each joint of `arm`, instead of the rule above.
     turn_tip : bool
         Whether the rule for tips holds; else the frames are compared as they are.
+    names : tuple of 2 str, optional
+        What the two are called in sentences; the names of the arms when not given, with a number where they are the same.
 
     Raises
     ------
@@ -129,14 +131,24 @@ class Comparison:
     '2.65e-04 m, at most 4.44e-04 m and 4.27e-04 rad'
     """
 
-    def __init__(self, arm: Arm, other: Arm, *, signs: Sequence[float] | None = None, turn_tip: bool = True) -> None:
+    def __init__(
+        self,
+        arm: Arm,
+        other: Arm,
+        *,
+        signs: Sequence[float] | None = None,
+        turn_tip: bool = True,
+        names: tuple[str, str] | None = None,
+    ) -> None:
         self.arm = arm
         self.other = other
-        joints, by_name = _belonging(arm.joint_names, other.joint_names, f"{arm.name!r} and {other.name!r}")
+        self.names = names or (arm.name, other.name if other.name != arm.name else f"{other.name} (2)")
+        """What the two are called."""
+        joints, by_name = _belonging(arm.joint_names, other.joint_names, "{!r} and {!r}".format(*self.names))
         given = None if signs is None else np.asarray(signs, dtype=np.float64)
         if given is not None and (given.shape != (arm.dof,) or not (np.abs(given) == 1.0).all()):
             raise ArrayError(
-                f"signs must be {arm.dof} numbers 1 or -1, one for each joint of {arm.name!r}, got {signs!r}"
+                f"signs must be {arm.dof} numbers 1 or -1, one for each joint of {self.names[0]!r}, got {signs!r}"
             )
         pairs = []
         for joint, its in joints:
@@ -234,7 +246,7 @@ class Comparison:
         q_first, why = _solution(self.arm, T, here)
         q_second, why_not = _solution(self.other, T_other, self.as_other(here))
         as_first = self.from_other(q_second)
-        said = [f"{arm.name}: {reason}" for arm, reason in ((self.arm, why), (self.other, why_not)) if reason]
+        said = [f"{name}: {reason}" for name, reason in zip(self.names, (why, why_not), strict=True) if reason]
         return SolvedBoth(q_first, as_first, _between(T, self.arm.fk(as_first)), "; ".join(said) or "reached by both")
 
     @property
@@ -269,9 +281,9 @@ class Comparison:
         said = ["joints belong together by name" if by_name else "joints belong together in their order"]
         for pair in self.pairs:
             if pair.other is None and pair.joint is not None:
-                said.append(f"{names[pair.joint]} stays at 0: {self.other.name} has no such joint")
+                said.append(f"{names[pair.joint]} stays at 0: {self.names[1]} has no such joint")
             elif pair.joint is None and pair.other is not None:
-                said.append(f"{others[pair.other]} of {self.other.name} stays at 0: {self.arm.name} has no such joint")
+                said.append(f"{others[pair.other]} of {self.names[1]} stays at 0: {self.names[0]} has no such joint")
             elif pair.joint is not None and pair.other is not None and pair.sign < 0.0:
                 why = "as given" if signs_given else "their axes are opposite"
                 said.append(f"{others[pair.other]} = -{names[pair.joint]}: {why}")

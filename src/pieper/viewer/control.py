@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -17,12 +18,14 @@ NOBODY = "**Nobody controls the arm.**"
 IN_CONTROL = "You control the arm; {others} looking on."
 TAKE_OVER = "Take control"
 
+_RELOAD = 2.0  # [s]
+
 
 class Control:
     """Who may move the arm.
 
     The first client that comes when nobody controls does from then on. When it leaves, the arm is stopped, and nobody controls until
-    somebody takes over or a new client comes.
+    somebody takes over or a new client comes. A page that is loaded anew may come back before it is known to have gone: it keeps control.
 
     Parameters
     ----------
@@ -42,6 +45,7 @@ class Control:
         self._on_lost = on_lost
         self._lock = threading.RLock()
         self._notes: dict[int, tuple[Any, Any]] = {}
+        self._came_at: dict[int, float] = {}
         server.may_control = self.allows
         server.on_client_connect(self._came)
         server.on_client_disconnect(self._went)
@@ -67,6 +71,7 @@ class Control:
             button = client.gui.add_button(TAKE_OVER, order=-1.0, visible=False, color="orange")
             button.on_click(lambda _: self.take(client.client_id))
             self._notes[client.client_id] = (note, button)
+            self._came_at[client.client_id] = time.monotonic()
             if self.holder is None:
                 self.holder = client.client_id
             self._tell()
@@ -74,17 +79,24 @@ class Control:
     def _went(self, client: ClientHandle) -> None:
         with self._lock:
             self._notes.pop(client.client_id, None)
+            self._came_at.pop(client.client_id, None)
             lost = self.holder == client.client_id
             if lost:
-                self.holder = None
+                newest = max(self._came_at, key=lambda other: self._came_at[other], default=None)
+                reloaded = newest is not None and time.monotonic() - self._came_at[newest] < _RELOAD
+                self.holder = newest if reloaded else None
             self._tell()
         if lost and self._on_lost is not None:
             self._on_lost()
 
     def _tell(self) -> None:
         """Write to every client how it stands."""
-        others = len(self._notes) - 1
-        for client_id, (note, button) in self._notes.items():
+        here = (
+            self._server.get_clients().keys() & self._notes.keys()
+        )  # without those that have gone and are yet to be told of
+        others = len(here) - 1
+        for client_id in here:
+            note, button = self._notes[client_id]
             in_control = client_id == self.holder
             if in_control:
                 note.content = IN_CONTROL.format(others=f"{others} other window{'s are' if others > 1 else ' is'}")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pieper.spatial import rotation
-from pieper.viewer.panel import Panel
+from pieper.viewer.panel import Panel, Window
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from pieper.arm import Arm
     from pieper.model.chain import FloatArray
     from pieper.motion.robot import RobotState
-    from pieper.viewer.view import View
 
 _READOUT_PERIOD = 0.1  # [s]
 _DECIMALS = 9  # of what is typed into a number box
@@ -95,15 +94,15 @@ def pose_lines(arm: Arm, q: FloatArray, frame: str) -> list[str]:
     r"""Where a frame is in the base frame: position, quaternion and angles, as the command line prints them.
 
     >>> import pieper
-    >>> print("\n".join(pose_lines(pieper.load("mh12", nominal=True), np.zeros(6), "tool0")))
+    >>> print("\n".join(pose_lines(pieper.load("mh12", nominal=True), np.array([0, 0, 0, 0, 0.5, 0]), "tool0")))
     position    x y z  [m]
-       0.895000   0.000000   1.264000
+       0.882758   0.000000   1.311943
     quaternion  x y z w
-      -0.500000   0.500000  -0.500000   0.500000
+       0.510184   0.000000   0.860066   0.000000
     angles      roll pitch yaw  [deg]
-       -90.0000    90.0000     0.0000
+         0.0000   -61.3521   180.0000
     angles      roll pitch yaw  [rad]
-      -1.570796   1.570796   0.000000
+       0.000000  -1.070796   3.141593
     """
     T = arm.fk(q, up_to=frame)
     rpy = rotation.as_rpy(T[:3, :3])
@@ -159,7 +158,7 @@ class JogPanel(Panel):
         self._stale = True
         self.sliders: list[Any] = []
 
-    def build(self, view: View) -> None:
+    def build(self, view: Window) -> None:
         """Make the controls."""
         self._view = view
         gui, arm = view.server.gui, view.arm

@@ -1,13 +1,48 @@
-"""What a panel of the viewer is: a tab with controls, told of what happens to the arm."""
+"""What a panel of the viewer is: a tab with controls, told of what happens to the arm; and what it finds in the window."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
+    import threading
+
+    from numpy.typing import ArrayLike
+
+    from pieper.arm import Arm
     from pieper.model.chain import FloatArray
-    from pieper.motion.robot import RobotState
-    from pieper.viewer.view import View
+    from pieper.motion.robot import Robot, RobotState
+    from pieper.viewer.arm_view import ArmView
+    from pieper.viewer.server import Server
+
+
+class Window(Protocol):
+    """What a panel may use of the window that it is in, a `pieper.viewer.view.View`, which describes each of them."""
+
+    server: Server
+    arm: Arm
+    robot: Robot
+    arm_view: ArmView
+    lock: threading.RLock
+    q: FloatArray
+    target: FloatArray
+    size: float
+
+    def command(self, q: ArrayLike) -> None:
+        """Send the arm to joint values."""
+        ...
+
+    def stop_motion(self) -> None:
+        """Bring the arm to rest where it is."""
+        ...
+
+    def limited(self, q: ArrayLike) -> FloatArray:
+        """The joint values nearest to `q` within the limits."""
+        ...
+
+    def say(self, text: str, *, bad: bool = False) -> None:
+        """Write a sentence above the tabs."""
+        ...
 
 
 class Panel:
@@ -34,7 +69,7 @@ class Panel:
 
     title: str = "Panel"
 
-    def build(self, view: View) -> None:
+    def build(self, view: Window) -> None:
         """Make the controls, with ``view.server.gui``; they land in the tab of this panel. Called once."""
         raise NotImplementedError
 

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from pieper.arm import Arm
     from pieper.ik.iteration import Step
     from pieper.spatial._checks import FloatArray
-
-Color = tuple[int, int, int]
+    from pieper.viewer.surface import Color
 
 COLORS: tuple[Color, ...] = (
     (0, 114, 178),

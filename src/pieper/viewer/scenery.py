@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pieper.viewer.panel import Panel
+from pieper.viewer.panel import Panel, Window
 
 if TYPE_CHECKING:
     from pieper.model.chain import FloatArray
     from pieper.motion.robot import RobotState
-    from pieper.viewer.view import View
 
 MOST_TRACE_POINTS = 2000
 _TRACE_PERIOD = 0.1  # [s]
@@ -26,10 +25,10 @@ class Trace:
     Examples
     --------
     >>> trace = Trace(apart=0.1, most=3)
-    >>> [trace.add(np.array([x, 0.0, 0.0])) for x in (0.0, 0.05, 0.1, 0.2, 0.3)]
+    >>> [trace.add(np.array([x, 0.0, 0.0])) for x in (0.0, 0.05, 0.1, 0.3, 0.5)]
     [True, False, True, True, True]
     >>> trace.segments[:, :, 0].tolist()
-    [[0.1..., 0.2...], [0.2..., 0.3...]]
+    [[0.1..., 0.3...], [0.3..., 0.5]]
     """
 
     def __init__(self, *, apart: float, most: int = MOST_TRACE_POINTS) -> None:
@@ -85,7 +84,7 @@ class SceneryPanel(Panel):
         self._since = 0.0
         self._stale = False
 
-    def build(self, view: View) -> None:
+    def build(self, view: Window) -> None:
         """Make the ground and the controls."""
         self._view = view
         self.trace = Trace(apart=0.002 * view.size)

@@ -1,0 +1,200 @@
+"""``pieper view``: an arm in the browser."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from contextlib import contextmanager
+from dataclasses import replace
+from itertools import cycle
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pieper.cli.arguments import ArmName, Base, Degrees, Nominal, Tip, load
+from pieper.cli.target import seed_values
+from pieper.errors import ArrayError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from pieper.arm import Arm
+    from pieper.spatial._checks import FloatArray
+    from pieper.viewer.panel import Panel
+    from pieper.viewer.paths import Track
+
+_THEMES = ("light", "dark")
+_STEPS = 1000  # of an iteration at most
+_CLOSE = 1e-3  # [m] where it ends
+
+
+def view(
+    arm: ArmName,
+    q: Annotated[
+        str | None, typer.Option("--q", metavar="Q1,Q2,...", help="Joint values at the beginning, separated by commas.")
+    ] = None,
+    degrees: Degrees = False,
+    solve: Annotated[
+        bool, typer.Option("--solve", help="Begin with the handle at the tip, and every solution as a ghost.")
+    ] = False,
+    compare: Annotated[
+        str | None,
+        typer.Option(
+            "--compare",
+            metavar="OTHER",
+            help="A second model beside it, and how they differ; ROBOT:TABLE for DH rows on record.",
+        ),
+    ] = None,
+    trajectory: Annotated[
+        list[Path] | None,
+        typer.Option("--trajectory", metavar="FILE", help="A motion to play, .csv, .json or .npz; may be repeated."),
+    ] = None,
+    iterate: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option("--iterate", metavar="X Y Z", help="Play the steps of the Jacobian iteration to a position [m]."),
+    ] = None,
+    gain: Annotated[
+        list[float] | None,
+        typer.Option("--gain", metavar="K", help="Of that iteration, 0.1 by itself; may be repeated, to compare."),
+    ] = None,
+    hold: Annotated[
+        bool, typer.Option("--hold", help="The iteration holds the orientation, and does not ignore it.")
+    ] = False,
+    export: Annotated[
+        Path | None,
+        typer.Option("--export", metavar="FILE.html", help="Write the scene as one page that opens offline, and end."),
+    ] = None,
+    port: Annotated[
+        int | None,
+        typer.Option("--port", metavar="N", help="This port or none; by itself 8080, or a free one where it is taken."),
+    ] = None,
+    browser: Annotated[
+        bool, typer.Option("--browser/--no-browser", help="Open the browser; never done where there is no display.")
+    ] = True,
+    theme: Annotated[str, typer.Option("--theme", metavar="THEME", help="light or dark.")] = "light",
+    frames: Annotated[bool, typer.Option("--frames", help="Draw every frame of the arm, with its name.")] = False,
+    axes: Annotated[bool, typer.Option("--axes", help="Draw the joint axes, with their names.")] = False,
+    meshes: Annotated[
+        bool, typer.Option("--meshes/--no-meshes", help="Meshes of the description, or a shape made from the joints.")
+    ] = True,
+    base: Base = None,
+    tip: Tip = None,
+    nominal: Nominal = False,
+) -> int:
+    """Open an arm in the browser: jog it, drag its tip, compare it, play motions. On this machine alone; Ctrl-C ends it."""
+    if theme not in _THEMES:
+        raise ArrayError(f"--theme must be light or dark, got {theme!r}")
+    if export is not None and export.suffix.lower() not in (".html", ".htm"):
+        raise ArrayError(f"--export writes a page, whose name ends in .html, got {str(export)!r}")
+    robot = load(arm, base=base, tip=tip, nominal=nominal)
+    start = seed_values(robot, q, degrees=degrees, option="--q")
+
+    from pieper.sim.kinematic import KinematicSimulator
+    from pieper.viewer.paths import COLORS
+    from pieper.viewer.paths_panel import PathsPanel
+    from pieper.viewer.server import USUAL_PORT, Server
+    from pieper.viewer.solve_panel import SolvePanel
+    from pieper.viewer.view import View
+
+    simulated = KinematicSimulator(robot.chain, q=start)
+    panels: list[Panel] = [SolvePanel(shown=solve)] if robot.dof else []
+    if compare is not None:
+        panels.append(_comparison(arm, robot, compare))
+    tracks = [
+        *_files(robot, trajectory or []),
+        *_iterations(robot, simulated.read().q, iterate, gain or [0.1], hold=hold),
+    ]
+    if tracks:
+        panels.append(PathsPanel([replace(track, color=color) for track, color in zip(tracks, cycle(COLORS))]))
+    server = Server(0 if export is not None else port, label=robot.name)
+    try:
+        window = View(
+            server,
+            robot,
+            simulated,
+            panels=panels,
+            dark=theme == "dark",
+            frames=frames,
+            axes=axes,
+            meshes=None if meshes else False,
+        )
+    except BaseException:
+        server.stop()
+        raise
+    with window:
+        if export is not None:
+            window.export(export)
+            typer.echo(f"wrote {export}  {export.stat().st_size / 1e6:.1f} MB")
+            return 0
+        with _until_asked():
+            window.start()
+            if port is None and server.port != USUAL_PORT:
+                typer.echo(f"port {USUAL_PORT} is taken: this is port {server.port}")
+            typer.echo(f"{robot.name}  {server.url}\nCtrl-C ends it")
+            sys.stdout.flush()
+            if browser and _has_display():
+                import webbrowser
+
+                webbrowser.open(server.url)
+            window.wait()
+    return 0
+
+
+def _comparison(name: str, robot: Arm, other: str) -> Panel:
+    from pieper.viewer.compare_panel import ComparePanel
+
+    return ComparePanel(load(other), names=(name, other if other != name else f"{other} (2)"))
+
+
+def _files(robot: Arm, trajectories: list[Path]) -> list[Track]:
+    """Motions out of files."""
+    from pieper.motion import files
+    from pieper.viewer.paths import Track
+
+    return [Track.of(robot, files.read(path), name=path.name) for path in trajectories]
+
+
+def _iterations(
+    robot: Arm, q: FloatArray, goal: tuple[float, float, float] | None, gains: list[float], *, hold: bool
+) -> list[Track]:
+    """The steps of an iteration, once for each gain."""
+    if goal is None:
+        return []
+    from pieper.ik.iteration import iterate
+    from pieper.viewer.paths import Track
+
+    options: dict[str, Any] = {
+        "orientation": "hold" if hold else "ignore",
+        "iterations": _STEPS,
+        "position_stop": _CLOSE,
+    }
+    return [
+        Track.from_steps(robot, iterate(robot.chain, goal, q, k1=gain, **options), name=f"gain {gain:g}")
+        for gain in gains
+    ]
+
+
+def _has_display() -> bool:
+    """Whether a window could be opened here."""
+    if sys.platform in ("win32", "darwin"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+@contextmanager
+def _until_asked() -> Iterator[None]:
+    """Ctrl-C and SIGTERM are a wish to end, and not a failure."""
+
+    def asked(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, asked) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    except KeyboardInterrupt:
+        pass
+    finally:
+        for number, old in before.items():
+            signal.signal(number, old)
