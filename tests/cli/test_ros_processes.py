@@ -72,6 +72,14 @@ class Process:
         self.process.wait(LONG)
 
 
+@pytest.fixture(autouse=True)
+def hangups_are_heard():
+    """As in a terminal; where the tests were started by nohup, the processes would inherit that they are not."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
 @pytest.fixture
 def domain():
     return new_domain()
