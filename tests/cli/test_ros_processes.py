@@ -72,6 +72,14 @@ class Process:
         self.process.wait(LONG)
 
 
+@pytest.fixture(autouse=True)
+def hangups_are_heard():
+    """As in a terminal; where the tests were started by nohup, the processes would inherit that they are not."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
 @pytest.fixture
 def domain():
     return new_domain()
@@ -129,6 +137,14 @@ def test_a_signal_ends_a_node_with_code_0(domain, number):
         said = list(node.lines)
         assert node.end(number) == 0
     assert node.lines == said, "a node ends without a word"
+
+
+def test_a_signal_ends_a_node_that_waits_for_a_description_with_code_0(domain):
+    with Process("ros", "forward", "topic:/robot_description", domain=domain) as node:
+        node.wait_for("Waiting for a robot description on /robot_description")
+        said = list(node.lines)
+        assert node.end() == 0
+    assert node.lines == said
 
 
 def test_a_signal_twice_is_a_signal_once(domain):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -225,6 +226,32 @@ def test_a_service_answers_later_and_in_any_order(network):
     assert heard == [("second", "b"), ("first", "a")]
     with pytest.raises(RosError, match="answered before"):
         replies[0].send()
+
+
+def test_a_flood_on_a_topic_does_not_keep_a_service_waiting(network):
+    if network.backend == "rclpy stub":
+        pytest.skip("in which order rclpy calls back, its stand-in does not tell")
+    busy, caller = network.join("busy"), network.join("caller")
+    flood = busy.publisher("target", POINT)
+    answered_at: list = []
+    heard: list = []
+
+    def callback(point):
+        heard.append(point)
+        if len(heard) < 300:
+            flood.send()
+            flood.send()
+            time.sleep(0.002)  # before the next look there is one more
+
+    busy.subscribe("target", POINT, callback)
+    busy.serve("stop", TRIGGER, lambda request: answered_at.append(len(heard)) or {})
+    client = caller.client("stop", TRIGGER)
+    assert network.until(lambda: client.ready and flood.subscribers)
+    flood.send()
+    client.send(lambda response: None)
+    for turn in range(100):
+        busy.spin_once(0.001 + 1e-6 * turn)  # as with timers: each wait is another
+    assert answered_at
 
 
 def test_an_answer_after_the_service_has_closed_is_dropped(network):

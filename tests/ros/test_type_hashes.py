@@ -18,7 +18,7 @@ from pieper.ros import messages
 GOLDEN = json.loads((Path(__file__).parent / "golden" / "rihs01.json").read_text(encoding="utf-8"))
 PUBLISHED = {type_name: value for source in GOLDEN["sources"] for type_name, value in source["hashes"].items()}
 INTERFACES = Path(messages.__file__).parent / "interfaces"
-TEXTS = sorted(INTERFACES.glob("*/*/*.*"))
+TEXTS = sorted(text for text in INTERFACES.glob("*/*/*.*") if text.parts[-3] != "pieper_interfaces")  # our own
 PARTS = {"msg": [""], "srv": ["_Request", "_Response"], "action": ["_Goal", "_Result", "_Feedback"]}
 
 

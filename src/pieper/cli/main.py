@@ -82,7 +82,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     pieper ...
     0
     """
-    typed = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        return _run(list(sys.argv[1:] if arguments is None else arguments))
+    finally:
+        _give_up_a_log_that_cannot_be_written()
+
+
+def _give_up_a_log_that_cannot_be_written() -> None:
+    """What is left in the buffer of standard error would fail once more when Python ends, and change the exit code."""
+    try:
+        sys.stderr.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
+
+
+def _run(typed: list[str]) -> int:
     # A leading space keeps a negative number from being taken for an option; float() does not mind it.
     typed = [" " + word if _NEGATIVE_NUMBER.fullmatch(word) else word for word in typed]
     with warnings.catch_warnings():

@@ -72,6 +72,11 @@ class RclWire:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self.is_open = True
+        self._busy = False
+
+    def was_called(self) -> None:
+        """Take note that rclpy had something to do."""
+        self._busy = True
 
     @property
     def node(self) -> Any:
@@ -105,8 +110,16 @@ class RclWire:
         return _RclCaller(self, service, type_name)
 
     def wait(self, timeout: float) -> None:
-        """Let rclpy work; it calls back from here."""
-        if self.is_open:
+        """Let rclpy work; it calls back from here.
+
+        Up to Jazzy, ``spin_once`` makes one callback of all that are due, and with another timeout than the last time it
+        forgets the others and begins again with the first topic: whoever floods that topic keeps the services waiting. So
+        as long as there is work it is called with the same timeout, none.
+        """
+        if self._busy and self.is_open:
+            self._busy = False
+            self._executor.spin_once(timeout_sec=0.0)
+        if not self._busy and self.is_open:
             self._executor.spin_once(timeout_sec=timeout)
 
     def wake(self) -> None:
@@ -169,7 +182,12 @@ class _RclReader(_RclEndpoint):
     def __init__(self, wire: RclWire, topic: str, type_name: str, qos: QoS, deliver: Callable[[bytes], None]) -> None:
         super().__init__(wire)
         self._topic = topic
-        self._subscription = wire.node.create_subscription(_class(type_name), topic, deliver, _profile(qos), raw=True)
+
+        def callback(data: bytes) -> None:
+            wire.was_called()
+            deliver(data)
+
+        self._subscription = wire.node.create_subscription(_class(type_name), topic, callback, _profile(qos), raw=True)
 
     @property
     def matched(self) -> int:
@@ -205,6 +223,7 @@ class _RclServer(_RclEndpoint):
         service_class = _class(type_name)
 
         def callback(request: Any, _: Any) -> _Promise:
+            wire.was_called()
             promise = _Promise()
             answer(_serialized(f"{type_name}_Request", request), promise.keep)
             return promise
@@ -253,6 +272,7 @@ class _RclCaller(_RclEndpoint):
         from rclpy.serialization import deserialize_message
 
         def done(future: Any) -> None:
+            self._wire.was_called()
             self._pending.pop(future, None)
             if self._is_open and future.exception() is None and not future.cancelled():
                 deliver(_serialized(f"{self._type_name}_Response", future.result()))

@@ -101,7 +101,7 @@ def test_a_sample_that_was_given_up_is_told_once(join):
     writer = wire.open_writer("/target", STRING, DEFAULT)
     assert wire.check() is None
     writer.dropped += 3
-    assert wire.check() == "rt/target: 3 samples were given up because a subscriber does not keep up"
+    assert wire.check() == "/target: 3 samples were given up because a subscriber does not keep up"
     assert wire.check() is None
 
 
@@ -234,8 +234,8 @@ def test_ends_that_do_not_fit_are_told_once_on_both_sides(join, offered, wanted,
     assert until(both, sender, listener)
     both()
     assert told == [
-        [f"rt/target: a subscriber asks for another {policy} than this node offers, and hears nothing of it"],
-        [f"rt/target: a publisher offers another {policy} than this node asks for, and is not heard"],
+        [f"/target: a subscriber asks for another {policy} than this node offers, and hears nothing of it"],
+        [f"/target: a publisher offers another {policy} than this node asks for, and is not heard"],
     ]
 
 

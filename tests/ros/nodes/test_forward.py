@@ -18,7 +18,7 @@ from pieper.model.dh import forward_kinematics
 from pieper.ros.fake import FakeNetwork
 from pieper.ros.nodes import forward
 from pieper.ros.nodes.forward import Forward, node_name
-from pieper.ros.qos import LATCHED
+from pieper.ros.qos import LATCHED, SENSOR
 from pieper.spatial.rotation import as_quaternion
 from tests.robots import ROBOTS
 from tests.ros.networks import Network
@@ -100,6 +100,16 @@ def test_b4_a_queue_of_ten(fake):
         user.joint_states(MH12_NAMES, Q, header={"stamp": {"sec": i + 1}})
     fake.rest(0.01)
     assert [pose.header.stamp.sec for pose in poses] == list(range(16, 26))
+
+
+@pytest.mark.parametrize(("reliable", "poses_heard"), [("true", 0), ("false", 1)])
+def test_best_effort_joint_states_are_heard_where_that_is_asked_for(fake, reliable, poses_heard):
+    _, user = running(fake, pieper.load("mh12"), "--ros-args", "-p", f"reliable:={reliable}")
+    poses = user.hears("pose", POSE)
+    sensor = fake.join("sensor").publisher("joint_states", "sensor_msgs/msg/JointState", qos=SENSOR)
+    sensor.send(name=MH12_NAMES, position=Q)
+    fake.rest(0.01)
+    assert len(poses) == poses_heard
 
 
 @pytest.mark.parametrize("order", [[3, 0, 5, 1, 4, 2], [5, 4, 3, 2, 1, 0]])

@@ -124,12 +124,14 @@ class TopicWriter(Endpoint):
         """Return a sentence about samples that were given up, or about a reader that wants what is not offered."""
         lost, self._told = self.dropped - self._told, self.dropped
         if lost:
-            return f"{self.name}: {lost} samples were given up because a subscriber does not keep up"
+            return f"{_in_ros(self.name)}: {lost} samples were given up because a subscriber does not keep up"
         policy = None if self._dds is None else cyclone.refused_readers(self._dds)
         if policy is None:
             return None
         what = POLICIES.get(policy, f"policy {policy}")
-        return f"{self.name}: a subscriber asks for another {what} than this node offers, and hears nothing of it"
+        return (
+            f"{_in_ros(self.name)}: a subscriber asks for another {what} than this node offers, and hears nothing of it"
+        )
 
     def matched_user_data(self) -> list[bytes]:
         """Return what the matched readers tell of themselves."""
@@ -211,7 +213,7 @@ class TopicReader(Endpoint):
         if policy is None:
             return None
         what = POLICIES.get(policy, f"policy {policy}")
-        return f"{self.name}: a publisher offers another {what} than this node asks for, and is not heard"
+        return f"{_in_ros(self.name)}: a publisher offers another {what} than this node asks for, and is not heard"
 
     def matched_user_data(self) -> list[bytes]:
         """Return what the matched writers tell of themselves."""
@@ -230,3 +232,8 @@ class TopicReader(Endpoint):
             self._participant = self._ear = None
         cyclone.delete(self._dds)
         self._dds = None
+
+
+def _in_ros(topic: str) -> str:
+    """Name in ROS of a topic of DDS; the two topics of a service have none."""
+    return topic.removeprefix("rt")

@@ -161,12 +161,13 @@ def arm_from_topic(
     """
     heard: list[Any] = []
     subscriptions = [bus.subscribe(topic, STRING, heard.append, qos=qos) for qos in (LATCHED, DEFAULT)]
+    name = subscriptions[0].topic
+    bus.log("info", f"Waiting for a robot description on {name}")
     try:
         bus.spin_until(lambda: bool(heard), timeout=timeout)
     finally:
         for subscription in subscriptions:
             subscription.close()
-    name = subscriptions[0].topic
     if not heard:
         raise RosError(
             f"no robot description on {name} within {timeout:g} s; start the node that publishes it, or name a robot or a file"

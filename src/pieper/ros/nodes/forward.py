@@ -51,7 +51,8 @@ class Forward:
     A message that cannot be used changes nothing; the reason goes to the log, at most once a second.
 
     Parameters of the node: ``frame`` (link whose pose is given, by default the tip), ``print_every`` (a pose that has changed
-    is printed at most once in so many seconds; 0: at every message, as the reports do), ``publish_tf``, ``queue``.
+    is printed at most once in so many seconds; 0: at every message, as the reports do), ``publish_tf``, ``queue``, ``reliable`` (false: best-effort
+    publishers of joint states are heard, too).
 
     Parameters
     ----------
@@ -99,6 +100,12 @@ class Forward:
             check=_check_queue,
             read_only=True,
         )
+        reliable = bus.parameter(
+            "reliable",
+            True,
+            description="false: hear best-effort publishers of joint states, too; what is lost is not sent again then",
+            read_only=True,
+        )
         self._pose = messages.make(POSE, header={"frame_id": arm.base})
         self._pose_publisher = bus.publisher("pose", POSE)
         self._to_print: tuple[FloatArray, FloatArray] | None = None
@@ -114,7 +121,7 @@ class Forward:
             self._tf_static = bus.publisher("/tf_static", TF_MESSAGE, qos=LATCHED)
             self._send_fixed()
         self._joint_states = bus.subscribe(
-            "joint_states", JOINT_STATE, self._on_joint_states, qos=QoS(depth=queue.value)
+            "joint_states", JOINT_STATE, self._on_joint_states, qos=QoS(reliable=reliable.value, depth=queue.value)
         )
         bus.timer(_LOOK_EVERY, self._look)
         bus.log("info", f"Nodo PoE RRR iniciado. Suscrito a: {self._joint_states.topic}")

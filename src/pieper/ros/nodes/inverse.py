@@ -24,6 +24,7 @@ from pieper.motion.trajectory import Trajectory
 from pieper.ros import messages
 from pieper.ros.nodes.complaints import Complaints
 from pieper.ros.nodes.joint_states import JOINT_STATE, JointStates
+from pieper.ros.qos import QoS
 from pieper.spatial.rotation import from_quaternion
 
 if TYPE_CHECKING:
@@ -119,7 +120,7 @@ class Inverse:
     (or the limit nearest to zero).
 
     Parameters of the node: ``method`` (``solve`` or ``report``), ``output`` (``auto``, ``joint_states`` or ``trajectory``),
-    ``rate``, ``speed``; for method ``report`` ``step``, ``iterations``, ``tolerance``, ``stop``, ``orientation``, ``hold``, ``offset``.
+    ``rate``, ``speed``, ``reliable`` (false: best-effort publishers of joint states are heard, too); for method ``report`` ``step``, ``iterations``, ``tolerance``, ``stop``, ``orientation``, ``hold``, ``offset``.
 
     Parameters
     ----------
@@ -167,7 +168,15 @@ class Inverse:
         self._state = messages.make(JOINT_STATE, name=list(self._joints.names))
         self._states = bus.publisher("joint_states", JOINT_STATE)
         self._commands = bus.publisher("joint_trajectory", TRAJECTORY)
-        self._heard = bus.subscribe("joint_states", JOINT_STATE, self._on_joint_states)
+        reliable = bus.parameter(
+            "reliable",
+            True,
+            description="false: hear best-effort publishers of joint states, too; what is lost is not sent again then",
+            read_only=True,
+        )
+        self._heard = bus.subscribe(
+            "joint_states", JOINT_STATE, self._on_joint_states, qos=QoS(reliable=reliable.value)
+        )
         bus.subscribe("target", POINT, lambda message: self._first_move_then_talk(self._on_point, message))
         bus.subscribe("target_pose", POSE, lambda message: self._first_move_then_talk(self._on_pose, message))
         bus.serve("~/cancel", "std_srvs/srv/Trigger", self._on_cancel)
