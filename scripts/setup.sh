@@ -102,6 +102,17 @@ ensure_gl() {
   }
 }
 
+# A browser for the tests of the viewer, which say so and skip where there is none; it is asked for once.
+ensure_chromium() {
+  local given_up=$root/build/without-chromium
+  if command -v chromium chromium-browser google-chrome >/dev/null || [ -e "$given_up" ]; then return; fi
+  ( [ "$(uname -s)" = Linux ] && install_debian "Chromium is" chromium fonts-dejavu-core ) || {
+    mkdir -p "$root/build"
+    touch "$given_up"
+    say "   the tests in a browser will be skipped; to try again, remove build/without-chromium"
+  }
+}
+
 draws_without_a_screen() {
   "$python" -c 'from pieper.sim import offscreen; offscreen.gl_context(16, 16).free()' >/dev/null 2>&1
 }

@@ -11,6 +11,7 @@ from pieper.errors import ArrayError
 from pieper.kinematics.joints import as_joints
 from pieper.spatial import rotation
 from pieper.viewer.mesh import bodies
+from pieper.viewer.surface import shrunk
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,6 +27,10 @@ OWN_COLOR: Color = (200, 205, 212)
 """Of surfaces for which the description names no colour."""
 
 AXIS_COLOR: Color = (0, 150, 190)
+
+
+_THINNER = 0.02
+"""Ghosts are thinner by this part of the size of a frame, so that what a ghost shares with the arm is inside it."""
 
 
 class ArmView:
@@ -279,8 +284,10 @@ class GhostsView:
         self._parts: list[tuple[int, Any]] = []
         drawn = [body for body in bodies(arm, meshes=meshes) if body.after > 0]  # what stands still needs no ghost
         self._moving = _Poses(arm, [body.frame for body in drawn])
+        thinner = _THINNER * frame_size(arm)
         for index, body in enumerate(drawn):
-            for number, surface in enumerate(body.surfaces):
+            for number, solid in enumerate(body.surfaces):
+                surface = shrunk(solid, thinner)
                 handle = server.scene.add_batched_meshes_simple(
                     f"{self._root.name}/{body.after}_{number}",
                     surface.vertices,

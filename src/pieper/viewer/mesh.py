@@ -48,9 +48,8 @@ ROLE_COLORS: dict[str, Color] = {
 """Colours of the shape that is made from the joints."""
 
 _SECTIONS = 32  # corners of a circle
-_UNITS = {1e-3: "millimetres", 1e-2: "centimetres", 0.0254: "inches"}
-_TOO_LARGE = 20.0  # times the reach of the arm: no link is
-_FITS = 3.0  # times the reach of the arm: a link is not larger
+_MILLIMETRE = 1e-3
+_TOO_LARGE = 5.0  # times the way along the joints: nothing of an arm is
 
 
 class MeshError(PieperError):
@@ -216,13 +215,13 @@ def _from_file(mesh: model.Mesh, color: Color | None, reach: float) -> tuple[Sur
     surfaces = _read(mesh.path, stamp.st_mtime_ns, stamp.st_size)
     scale = mesh.scale.astype(np.float64)
     extent = max(float(np.abs(surface.vertices * scale).max(initial=0.0)) for surface in surfaces)
-    factor = _unit(extent, reach)
-    if factor != 1.0:
-        warnings.warn(
-            f"mesh {mesh.path}: {extent:.4g} m across is too large for an arm of {reach:.3g} m; taken to be in {_UNITS[factor]}",
-            PieperWarning,
-            stacklevel=4,
-        )
+    factor = 1.0
+    if extent > _TOO_LARGE * reach:
+        factor = _MILLIMETRE
+        size = f"mesh {mesh.path}: {extent:.4g} m is too large for an arm of {reach:.3g} m"
+        if extent * factor > _TOO_LARGE * reach:
+            raise MeshError(f"{size}, even in millimetres")
+        warnings.warn(f"{size}; taken to be in millimetres", PieperWarning, stacklevel=4)
     flip = float(np.prod(scale)) < 0.0  # a mirrored surface would be seen from inside
     return tuple(
         Surface(
@@ -232,16 +231,6 @@ def _from_file(mesh: model.Mesh, color: Color | None, reach: float) -> tuple[Sur
         )
         for surface in surfaces
     )
-
-
-def _unit(extent: float, reach: float) -> float:
-    """The factor to metres of a mesh in the wrong unit, 1 for one that fits."""
-    if extent <= _TOO_LARGE * reach:
-        return 1.0
-    for factor in sorted(_UNITS, reverse=True):
-        if extent * factor <= _FITS * reach:
-            return factor
-    return 1.0
 
 
 def _size(chain: Chain) -> float:

@@ -121,3 +121,14 @@ def thinned(surface: Surface, most: int) -> Surface:
             return Surface(coarse.vertices, coarse.faces[np.sort(unique)], surface.color)
         cells = int(cells / 1.26)
     return surface
+
+
+def shrunk(surface: Surface, by: float) -> Surface:
+    """The same surface, a little inside itself: every vertex moved by `by` [m] against its normal."""
+    corners = surface.vertices.astype(np.float64)[surface.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    sums = np.zeros((len(surface.vertices), 3))
+    np.add.at(sums, surface.faces.ravel(), np.repeat(normals, 3, axis=0))
+    lengths = np.linalg.norm(sums, axis=1, keepdims=True)
+    outward = np.divide(sums, lengths, out=np.zeros_like(sums), where=lengths > 0.0)
+    return Surface((surface.vertices - by * outward).astype(np.float32), surface.faces, surface.color)

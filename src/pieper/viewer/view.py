@@ -216,9 +216,10 @@ class View:
 
     def close(self) -> None:
         """End the panels, bring the arm to rest, and end the server."""
-        if self._ended.is_set():
-            return
-        self._ended.set()
+        with self.lock:
+            if self._ended.is_set():
+                return
+            self._ended.set()
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join()
         with self.lock:

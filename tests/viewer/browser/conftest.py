@@ -20,6 +20,7 @@ FLAGS = [
     "--ignore-gpu-blocklist",
     "--disable-dev-shm-usage",
 ]
+SMALL, LARGE = (760, 560), (1280, 820)  # [px]; pictures are taken large, all else goes faster small
 PATIENCE = 60.0  # [s]; a busy machine draws slowly in software
 
 
@@ -50,7 +51,7 @@ def start_view(arm, **options):
 
 def open_page(chromium, view, faults, **options):
     """A page on a viewer, ready to be used; what goes wrong in it is added to `faults`."""
-    page = chromium.new_context(viewport={"width": 1000, "height": 720}, **options).new_page()
+    page = chromium.new_context(viewport=dict(zip(("width", "height"), SMALL, strict=True)), **options).new_page()
     page.on("pageerror", lambda error: faults.append(str(error)))
     page.set_default_timeout(1e3 * PATIENCE)
     page.goto(view.server.url)
@@ -92,9 +93,9 @@ def mh12():
     return pieper.load("mh12")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="class")
 def lasting(chromium, mh12):
-    """One window and one page for all tests of a file that only move the arm."""
+    """One window and one page for all tests of a class that only move the arm."""
     faults = []
     view = start_view(mh12)
     page = open_page(chromium, view, faults, permissions=["clipboard-read", "clipboard-write"])
@@ -119,9 +120,11 @@ def keep():
 
     def save(page, name):
         page.add_style_tag(content="[class*=Notifications-root] { display: none }")
+        page.set_viewport_size(dict(zip(("width", "height"), LARGE, strict=True)))
         page.wait_for_timeout(700)
         SCREENSHOTS.mkdir(parents=True, exist_ok=True)
         page.screenshot(path=SCREENSHOTS / f"{name}.png")
+        page.set_viewport_size(dict(zip(("width", "height"), SMALL, strict=True)))
 
     return save
 

@@ -6,9 +6,6 @@ import json
 
 import numpy as np
 
-import pieper
-from pieper.model import catalog
-from pieper.model.dh import from_dh
 from pieper.viewer.control import TAKE_OVER
 
 HERE = "You control the arm"
@@ -22,8 +19,84 @@ def box(page, joint):
     return page.locator("input.mantine-NumberInput-input").nth(joint)
 
 
+def enter(page, joint, text):
+    """Type into a number box, key by key as people do."""
+    box(page, joint).click()
+    page.keyboard.press("Control+A")
+    page.keyboard.type(text)
+    page.keyboard.press("Enter")
+
+
 def press(page, name):
     page.get_by_role("button", name=name, exact=True).or_(page.get_by_text(name, exact=True)).first.click()
+
+
+class TestJogging:
+    """In one page, with the arm at home before each."""
+
+    def test_sliders_move_by_keys(self, mh12, jogged, until):
+        view, page = jogged
+        slider(page, 1).focus()
+        for _ in range(20):
+            page.keyboard.press("ArrowRight")
+        until(
+            page, lambda: abs(view.q[1] - 0.02) < 1.1e-3
+        )  # twenty steps of a milliradian, on the grid that begins at the limit
+        assert np.all(view.target[[0, 2, 3, 4, 5]] == 0.0)
+
+    def test_a_typed_value_is_taken_exactly(self, mh12, jogged, until, keep):
+        view, page = jogged
+        enter(page, 0, "-0.912345678")
+        until(page, lambda: view.q[0] == -0.912345678)
+        T = mh12.fk(view.q)
+        until(page, lambda: f"{T[0, 3]:.6f}" in page.locator("pre").first.inner_text())
+        keep(page, "mh12_jog")
+
+    def test_values_beyond_the_limits_stay_at_the_limit(self, mh12, jogged, until):
+        view, page = jogged
+        enter(page, 0, "9")
+        until(page, lambda: view.target[0] == mh12.limits[0, 1])
+        until(page, lambda: abs(float(box(page, 0).input_value()) - mh12.limits[0, 1]) < 1e-8)
+
+    def test_what_is_not_a_number_moves_nothing(self, jogged):
+        view, page = jogged
+        for nonsense in ("NaN", "abc", "-", "1e", "--1", ""):
+            box(page, 0).click()
+            page.keyboard.press("Control+A")
+            page.keyboard.press("Delete")
+            page.keyboard.type(nonsense)
+            page.keyboard.press("Enter")
+            page.wait_for_timeout(100)
+            assert view.target[0] in (0.0, 1.0, -1.0)  # the box of the browser keeps what digits there are
+            assert np.all(view.target[1:] == 0.0)
+
+    def test_home_random_stop_and_frames(self, mh12, jogged, until):
+        view, page = jogged
+        press(page, "Random")
+        until(page, lambda: view.target.any())
+        goal = view.target
+        assert np.all((goal >= mh12.limits[:, 0]) & (goal <= mh12.limits[:, 1]))
+        until(page, lambda: np.allclose(view.q, goal, rtol=0.0, atol=1e-12))
+        press(page, "Home")
+        until(page, lambda: not view.q.any())
+        page.get_by_label("Frame", exact=True).first.click()
+        page.get_by_role("option", name="link_3_u").click()
+        at = mh12.fk(view.q, up_to="link_3_u")[:3, 3]
+        until(page, lambda: f"{at[2]:.6f}" in page.locator("pre").first.inner_text())
+
+    def test_copying_gives_python_and_json(self, mh12, jogged, until):
+        view, page = jogged
+        view.command([0.25, 0.0, 0.0, 0.0, 0.5, 0.0])
+        until(page, lambda: view.q[0] == 0.25)
+        until(page, lambda: "0.250000" in page.locator("pre").first.inner_text())
+        page.get_by_role("button", name="Copy as Python").click()
+        names: dict[str, object] = {}
+        exec(page.evaluate("navigator.clipboard.readText()"), names)
+        assert names["q"] == view.q.tolist()
+        page.get_by_role("button", name="Copy as JSON").click()
+        copied = json.loads(page.evaluate("navigator.clipboard.readText()"))
+        assert copied["q"] == dict(zip(mh12.joint_names, view.q.tolist(), strict=True))
+        assert copied["position"] == mh12.fk(view.q)[:3, 3].tolist()
 
 
 def test_it_opens_and_shows_the_arm(mh12, window, look, keep):
@@ -36,91 +109,17 @@ def test_it_opens_and_shows_the_arm(mh12, window, look, keep):
     keep(page, "mh12_jog_frames")
 
 
-def test_sliders_move_by_keys(mh12, jogged, until):
-    view, page = jogged
-    slider(page, 1).focus()
-    for _ in range(20):
-        page.keyboard.press("ArrowRight")
-    until(
-        page, lambda: abs(view.q[1] - 0.02) < 1.1e-3
-    )  # twenty steps of a milliradian, on the grid that begins at the limit
-    assert np.all(view.target[[0, 2, 3, 4, 5]] == 0.0)
-
-
-def test_a_typed_value_is_taken_exactly(mh12, jogged, until, keep):
-    view, page = jogged
-    box(page, 0).fill("-0.912345678")
-    box(page, 0).press("Enter")
-    until(page, lambda: view.q[0] == -0.912345678)
-    T = mh12.fk(view.q)
-    until(page, lambda: f"{T[0, 3]:.6f}" in page.locator("pre").first.inner_text())
-    keep(page, "mh12_jog")
-
-
-def test_values_beyond_the_limits_stay_at_the_limit(mh12, jogged, until):
-    view, page = jogged
-    box(page, 0).fill("9")
-    box(page, 0).press("Enter")
-    until(page, lambda: view.target[0] == mh12.limits[0, 1])
-    until(page, lambda: abs(float(box(page, 0).input_value()) - mh12.limits[0, 1]) < 1e-8)
-
-
-def test_what_is_not_a_number_moves_nothing(jogged):
-    view, page = jogged
-    for nonsense in ("NaN", "abc", "-", "1e", "--1", ""):
-        box(page, 0).click()
-        page.keyboard.press("Control+A")
-        page.keyboard.press("Delete")
-        page.keyboard.type(nonsense)
-        page.keyboard.press("Enter")
-        page.wait_for_timeout(100)
-        assert view.target[0] in (0.0, 1.0, -1.0)  # the box of the browser keeps what digits there are
-        assert np.all(view.target[1:] == 0.0)
-
-
-def test_home_random_stop_and_frames(mh12, jogged, until):
-    view, page = jogged
-    press(page, "Random")
-    until(page, lambda: view.target.any())
-    goal = view.target
-    assert np.all((goal >= mh12.limits[:, 0]) & (goal <= mh12.limits[:, 1]))
-    until(page, lambda: np.allclose(view.q, goal, rtol=0.0, atol=1e-12))
-    press(page, "Home")
-    until(page, lambda: not view.q.any())
-    page.get_by_label("Frame", exact=True).first.click()
-    page.get_by_role("option", name="link_3_u").click()
-    at = mh12.fk(view.q, up_to="link_3_u")[:3, 3]
-    until(page, lambda: f"{at[2]:.6f}" in page.locator("pre").first.inner_text())
-
-
-def test_copying_gives_python_and_json(mh12, jogged, until):
-    view, page = jogged
-    view.command([0.25, 0.0, 0.0, 0.0, 0.5, 0.0])
-    until(page, lambda: view.q[0] == 0.25)
-    until(page, lambda: "0.250000" in page.locator("pre").first.inner_text())
-    page.get_by_role("button", name="Copy as Python").click()
-    names: dict[str, object] = {}
-    exec(page.evaluate("navigator.clipboard.readText()"), names)
-    assert names["q"] == view.q.tolist()
-    page.get_by_role("button", name="Copy as JSON").click()
-    copied = json.loads(page.evaluate("navigator.clipboard.readText()"))
-    assert copied["q"] == dict(zip(mh12.joint_names, view.q.tolist(), strict=True))
-    assert copied["position"] == mh12.fk(view.q)[:3, 3].tolist()
-
-
 def test_a_reload_shows_what_holds_and_keeps_control(mh12, window, look, until):
     view = window(mh12)
     page = look(view)
-    box(page, 2).fill("0.5")
-    box(page, 2).press("Enter")
+    enter(page, 2, "0.5")
     until(page, lambda: view.q[2] == 0.5)
     page.reload()
     page.get_by_role("tab", name="Jog").first.wait_for()
     until(page, lambda: box(page, 2).input_value() == "0.5")
     until(page, lambda: view.control.holder is not None and len(view.server.get_clients()) == 1)
     assert view.control.holder in view.server.get_clients()
-    box(page, 2).fill("0.25")
-    box(page, 2).press("Enter")
+    enter(page, 2, "0.25")
     until(page, lambda: view.q[2] == 0.25)
 
 
@@ -132,19 +131,17 @@ def test_two_windows_and_the_handing_over(mh12, window, look, until, keep):
     second = look(view)
     second.get_by_text("You are looking on.").wait_for()
     first.get_by_text(HERE).wait_for()
-    box(second, 0).fill("0.5")
-    box(second, 0).press("Enter")
+    enter(second, 0, "0.5")
     until(second, lambda: box(second, 0).input_value() == "0")  # it is shown again what holds
     assert not view.target.any()
     keep(second, "looking_on")
     second.get_by_role("button", name=TAKE_OVER).click()
     until(second, lambda: view.control.holder not in (None, had))
     first.get_by_text("You are looking on.").wait_for()
-    box(second, 0).fill("0.7")
-    box(second, 0).press("Enter")
+    second.get_by_role("button", name=TAKE_OVER).wait_for(state="hidden")
+    enter(second, 0, "0.7")
     until(second, lambda: view.q[0] == 0.7)
-    box(first, 0).fill("0.1")
-    box(first, 0).press("Enter")
+    enter(first, 0, "0.1")
     until(first, lambda: box(first, 0).input_value() == "0.7")
     assert view.target[0] == 0.7
     second.wait_for_timeout(2500)  # otherwise it might be a page that is loaded anew
@@ -168,8 +165,7 @@ def test_the_arm_stops_when_the_browser_is_closed_in_the_middle_of_a_drag(mh12, 
     other = look(view)
     until(other, lambda: view.control.holder is not None and len(view.server.get_clients()) == 1)
     assert np.all(view.target == view.q)
-    box(other, 0).fill("0.2")
-    box(other, 0).press("Enter")
+    enter(other, 0, "0.2")
     until(other, lambda: view.q[0] == 0.2)
 
 
@@ -203,9 +199,3 @@ def test_the_exported_page_opens_with_no_network(mh12, window, chromium, tmp_pat
     context.close()
     assert not faults
     assert [url for url in asked if not url.startswith(("file:", "blob:", "data:"))] == []
-
-
-def test_D10_frames_of_the_youbot_in_a_browser(window, look, keep):
-    arm = pieper.Arm(from_dh(catalog.dh_tables("youbot")["full"]))
-    page = look(window(arm, frames=True))
-    keep(page, "youbot_dh_frames")

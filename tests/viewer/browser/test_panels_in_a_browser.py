@@ -5,7 +5,6 @@ A picture of each state is left in ``build/screenshots``.
 
 from __future__ import annotations
 
-import shutil
 import time
 from pathlib import Path
 
@@ -24,31 +23,9 @@ from pieper.viewer.server import Server
 from pieper.viewer.solve_panel import SolvePanel
 from pieper.viewer.view import View
 
-playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
-
-
-FLAGS = [
-    "--headless=new",
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--ignore-gpu-blocklist",
-    "--disable-dev-shm-usage",
-]
 SCREENSHOTS = Path(__file__).parents[3] / "build" / "screenshots"
 START = [0.1, -1.2, 1.4, -1.7, -1.5, 0.3]
 PATIENCE = 60.0  # [s] a busy machine draws slowly in software
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    with playwright.sync_playwright() as runner:
-        browser = runner.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture
