@@ -1,0 +1,14 @@
+"""Coloured markers in a video or camera: where the robots are, in metres, and how sure that is.
+
+``source -> frame -> segment -> pattern -> track -> output``, with colour models and calibration read from YAML.
+
+===============  ====================================================================================
+`frame`          one image with its number and its capture time
+`camera`         a camera as numbers: matrix, distortion, size
+`field_view`     where on the field a pixel looks: metres from pixels, or pixels as they are
+`color_table`    which colour a pixel is, as a table over all pixels
+`blobs`          connected patches of one colour in one frame
+`sighting`       what one frame says of one object
+`estimate`       what the tracker believes of one object
+===============  ====================================================================================
+"""

@@ -1,0 +1,149 @@
+"""Where on the field a pixel looks, for things at a known height above it.
+
+A pixel is a ray; a marker at height h is where the ray meets the plane z = h of the field. To take that point for one on the floor
+displaces it by h / H of its distance from the point below a camera at height H: the parallax.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Protocol
+
+import numpy as np
+
+from pieper.spatial._checks import FloatArray, poses, stack
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from pieper.perception.camera import Camera
+
+_STEP = 0.05  # px; the map is smooth over many pixels, and rounding is far below
+
+
+class View(Protocol):
+    """From pixels to places, and back."""
+
+    unit: ClassVar[str]
+    """Of places: ``"m"`` or ``"px"``."""
+
+    def to_field(self, uv: ArrayLike, *, height: ArrayLike = 0.0) -> FloatArray:
+        """Return the places ``(..., 2)`` of pixels ``(..., 2)`` of things at a height [m] above the field."""
+        ...
+
+    def to_image(self, p_field: ArrayLike, *, height: ArrayLike = 0.0) -> FloatArray:
+        """Return the pixels ``(..., 2)`` of places ``(..., 2)``."""
+        ...
+
+    def jacobian(self, uv: ArrayLike, *, height: ArrayLike = 0.0) -> FloatArray:
+        """Return ``d place / d pixel``, ``(..., 2, 2)``, which carries the covariance of a pixel to the field."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class PixelView:
+    """No calibration: places are pixels."""
+
+    unit: ClassVar[str] = "px"
+
+    def to_field(self, uv: ArrayLike, *, height: ArrayLike = 0.0) -> FloatArray:
+        """Return the pixels themselves."""
+        return stack(uv, (2,), "uv")
+
+    def to_image(self, p_field: ArrayLike, *, height: ArrayLike = 0.0) -> FloatArray:
+        """Return the places themselves."""
+        return stack(p_field, (2,), "p_field")
+
+    def jacobian(self, uv: ArrayLike, *, height: ArrayLike = 0.0) -> FloatArray:
+        """Return identities."""
+        return np.broadcast_to(np.eye(2), (*stack(uv, (2,), "uv").shape, 2)).copy()
+
+
+@dataclass(frozen=True, eq=False)
+class FieldView:
+    """A calibrated camera over a field.
+
+    Attributes
+    ----------
+    camera : Camera
+        Its lens.
+    T_camera_field : (4, 4) array
+        Pose of the field in the camera's frame [m]: x and y span the field, z points up, out of it.
+
+    Examples
+    --------
+    A camera 2 m above the origin that looks straight down, with x of the field to the right:
+
+    >>> camera = Camera([[800, 0, 320], [0, 800, 240], [0, 0, 1]], [], (640, 480))
+    >>> down = FieldView(camera, [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 2], [0, 0, 0, 1]])
+    >>> down.to_field([720, 240])
+    array([1., 0.])
+    >>> down.to_field([720, 240], height=0.2)  # the same pixel, seen on top of a robot
+    array([0.9, 0. ])
+    """
+
+    camera: Camera
+    T_camera_field: FloatArray
+    unit: ClassVar[str] = "m"
+
+    def __post_init__(self) -> None:
+        T = poses(self.T_camera_field, "T_camera_field").reshape(4, 4).copy()
+        T.flags.writeable = False
+        object.__setattr__(self, "T_camera_field", T)
+
+    def to_field(self, uv: ArrayLike, *, height: ArrayLike = 0.0) -> FloatArray:
+        """Return where the rays of pixels meet the plane at a height.
+
+        Parameters
+        ----------
+        uv : (..., 2) array
+            Pixels.
+        height : float or (...) array
+            Of the things seen, above the field [m].
+
+        Returns
+        -------
+        (..., 2) array
+            Places on the field [m]; NaN where the ray does not meet the plane before the camera.
+        """
+        directions = self.camera.directions(uv) @ self.T_camera_field[:3, :3]  # rows, now in the frame of the field
+        eye = self.T_camera_field[:3, :3].T @ -self.T_camera_field[:3, 3]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            along = (np.asarray(height, dtype=np.float64) - eye[2]) / directions[..., 2]
+            p = eye[:2] + along[..., None] * directions[..., :2]
+        return np.where((along > 0)[..., None] & np.isfinite(p), p, np.nan)
+
+    def to_image(self, p_field: ArrayLike, *, height: ArrayLike = 0.0) -> FloatArray:
+        """Return the pixels of places.
+
+        Parameters
+        ----------
+        p_field : (..., 2) array
+            Places on the field [m].
+        height : float or (...) array
+            Above the field [m].
+
+        Returns
+        -------
+        (..., 2) array
+            Pixels; NaN for what is not before the camera.
+        """
+        xy = stack(p_field, (2,), "p_field")
+        h = np.broadcast_to(np.asarray(height, dtype=np.float64), xy.shape[:-1])
+        p = np.concatenate([xy, h[..., None]], axis=-1)
+        return self.camera.project(p @ self.T_camera_field[:3, :3].T + self.T_camera_field[:3, 3])
+
+    def jacobian(self, uv: ArrayLike, *, height: ArrayLike = 0.0) -> FloatArray:
+        """Return how places move with pixels, by central differences.
+
+        Returns
+        -------
+        (..., 2, 2) array
+            ``d place / d pixel`` [m/px].
+        """
+        pixels = stack(uv, (2,), "uv")
+        columns = [
+            (self.to_field(pixels + step, height=height) - self.to_field(pixels - step, height=height)) / (2 * _STEP)
+            for step in np.eye(2) * _STEP
+        ]
+        return np.stack(columns, axis=-1)
