@@ -74,6 +74,7 @@ class FieldView:
     --------
     A camera 2 m above the origin that looks straight down, with x of the field to the right:
 
+    >>> from pieper.perception.camera import Camera
     >>> camera = Camera([[800, 0, 320], [0, 800, 240], [0, 0, 1]], [], (640, 480))
     >>> down = FieldView(camera, [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 2], [0, 0, 0, 1]])
     >>> down.to_field([720, 240])
