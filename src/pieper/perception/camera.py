@@ -250,7 +250,9 @@ class Camera:
             r = np.hypot(new[:, 0], new[:, 1])
             new *= np.minimum(1.0, limit / np.maximum(r, 1e-300))[:, None]
             xy[open_] = new
-            lost = r > limit if turn > _PATIENCE else False  # it has been sent back to the edge so often that nothing is inside
+            lost = (
+                r > limit if turn > _PATIENCE else False
+            )  # it has been sent back to the edge so often that nothing is inside
             open_ = open_[(np.abs(new - at).max(axis=1) > _STEP * (1 + r * r)) & ~np.asarray(lost)]
             if not open_.size:
                 break
