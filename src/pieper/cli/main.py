@@ -15,7 +15,21 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pieper.cli import calibrate_camera, calibrate_field, convert, fk, ik, info, launch, plot, reach, render, robots, ros, view
+from pieper.cli import (
+    calibrate_camera,
+    calibrate_field,
+    convert,
+    fk,
+    ik,
+    info,
+    launch,
+    plot,
+    reach,
+    render,
+    robots,
+    ros,
+    view,
+)
 from pieper.cli.node import RosCommand
 from pieper.errors import MissingExtraError, MissingLibraryError, PieperError, PieperWarning
 

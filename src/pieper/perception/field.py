@@ -44,7 +44,7 @@ _LOSS = 1.0  # px, where misses of lines begin to count less
 _ROUND = 3  # fits at each width of search
 _FIRST_LOOK, _COARSE, _FINE = 150, 400, 1500  # points of lines
 _FINALISTS = 3
-_NARROWEST = 3.0  # px
+_NARROWEST = 5.0  # px: real lines lie a centimetre from where they should
 _EXPLAINED, _AUTOMATIC = 0.4, 0.75  # share of the lines that has to be seen: with a hint, and without
 _AHEAD = 0.15  # and by how much more than with the field turned by a quarter
 
@@ -136,7 +136,9 @@ class FieldCalibration:
             "by": f"pieper {__version__}",
         }
         told: dict[str, Any] = {"assumed": list(self.assumed)} if self.assumed else {}
-        save_view(path, self.view, field=self.size, camera_file=camera_file, **told, residual=residual, provenance=provenance)
+        save_view(
+            path, self.view, field=self.size, camera_file=camera_file, **told, residual=residual, provenance=provenance
+        )
 
     def picture(self, image: Image) -> Image:
         """Draw the field and the misses over an image, ``(height, width, 3)`` and taller for the words."""
@@ -144,7 +146,9 @@ class FieldCalibration:
 
         head = f"{self.method}: RMS {self.rms * 1e3:.2f} mm, worst {self.worst * 1e3:.2f} mm over {len(self.uv)} points"
         drawn = [self.view.to_image(line[:, :2], height=line[:, 2]) for line in self.outlines]
-        return field_picture(image, drawn, self.uv, self.residual, [head, f"camera {self.camera_height:.2f} m above the field"])
+        return field_picture(
+            image, drawn, self.uv, self.residual, [head, f"camera {self.camera_height:.2f} m above the field"]
+        )
 
 
 def from_points(
@@ -191,14 +195,18 @@ def from_points(
     """
     pixels, places = stack(uv, (2,), "uv"), _places(p_field)
     if pixels.ndim != 2 or len(pixels) != len(places):
-        raise ArrayError(f"uv and p_field must have one row for each point, got shapes {pixels.shape} and {places.shape}")
+        raise ArrayError(
+            f"uv and p_field must have one row for each point, got shapes {pixels.shape} and {places.shape}"
+        )
     labels = [f"point {i + 1}" for i in range(len(pixels))] if names is None else [str(n) for n in names]
     if len(labels) != len(pixels):
         raise ArrayError(f"names must name each of {len(pixels)} points, got {len(labels)}")
     _check_points(pixels, places)
     lens = _Lens(camera, _size_of(camera, image_size), camera_height, radial)
     if radial and len(pixels) < 6:
-        raise VisionError(f"radial distortion needs six points or more, got {len(pixels)}; give the camera, or radial 0")
+        raise VisionError(
+            f"radial distortion needs six points or more, got {len(pixels)}; give the camera, or radial 0"
+        )
 
     def miss(x: FloatArray, rows: Any) -> FloatArray:
         return np.asarray(np.nan_to_num(pixels[rows] - lens.project(x, places[rows]), nan=1e4)).reshape(-1)
@@ -222,7 +230,16 @@ def from_points(
         left_out[name] = _rms(_errors(lens.view(fit.x), pixels[~rows], places[~rows]))
     extent = size or (float(np.ptp(places[:, 0])), float(np.ptp(places[:, 1])))
     return FieldCalibration(
-        view, pixels, places, residual, error, left_out, method, lens.assumed(), (_rectangle(extent, places, size),), extent
+        view,
+        pixels,
+        places,
+        residual,
+        error,
+        left_out,
+        method,
+        lens.assumed(),
+        (_rectangle(extent, places, size),),
+        extent,
     )
 
 
@@ -265,9 +282,10 @@ def from_lines(
         raise VisionError(_other_size(camera, size))
     wide = float(search or max(size) / 20)
     lens = _Lens(camera, size, camera_height, radial)
-    free = lens.free_focal and camera_height is None
+    free, coefficients = lens.free_focal and camera_height is None, lens.radial
     if free:
-        lens.focal = _ASSUMED_FOCAL  # the pose first
+        lens.focal = _ASSUMED_FOCAL
+    lens.radial = 0  # the pose first, or the lens would bend towards the wrong lines
     if start is not None:
         x, points = _follow(lens, gray, model, lens.parameters(start), _narrowing(wide))
         if points.explained < _EXPLAINED:
@@ -277,6 +295,10 @@ def from_lines(
             )
     else:
         x, points = _automatic(lens, gray, model, wide)
+    if coefficients and camera is None:
+        lens.radial = coefficients
+        x = np.concatenate([x, np.zeros(coefficients)])
+        x, points = _follow(lens, gray, model, x, _narrowing(wide / 4))
     if free:
         x = _with_focal(lens, points, x)
     x, points = _follow(lens, gray, model, x, [_NARROWEST], most=_FINE)
@@ -289,13 +311,13 @@ def from_lines(
     return FieldCalibration(
         lens.view(x),
         points.uv,
-        np.pad(points.p_field, ((0, 0), (0, 1))),
+        points.p_field,
         across[:, None] * points.normal,
         np.abs(across) * points.scale,
         left_out,
         "lines",
         lens.assumed(),
-        tuple(np.pad(_dense(line.points), ((0, 0), (0, 1))) for line in model.lines),
+        tuple(np.pad(_dense(line.points), ((0, 0), (0, 1)), constant_values=line.height) for line in model.lines),
         (model.length, model.width),
         (f"lines  {points.explained:.0%} of {points.looked} points of {model.name} seen",),
     )
@@ -306,7 +328,8 @@ def _with_focal(lens: _Lens, points: LinePoints, x: FloatArray) -> FloatArray:
     lens.focal = None
     freed = np.concatenate([x[:6], [np.log(_ASSUMED_FOCAL)], x[6:]])
     fit = _line_fit(lens, points, freed, most=200)
-    if not _is_vague(fit):
+    together = len(points.uv) / len(np.unique(points.line))  # a line that is painted askew is askew in all its points
+    if not _is_vague(fit, together):
         return np.asarray(fit.x)
     lens.focal = _ASSUMED_FOCAL
     return x
@@ -498,14 +521,18 @@ class _Lens:
             rays = self.camera.directions(pixels)[:, :2]
             if not np.isfinite(rays).all():
                 row = int(np.flatnonzero(~np.isfinite(rays).all(axis=1))[0])
-                raise VisionError(f"pixel {pixels[row].tolist()} is beyond the reach of the lens; does the camera belong to this image?")
+                raise VisionError(
+                    f"pixel {pixels[row].tolist()} is beyond the reach of the lens; does the camera belong to this image?"
+                )
         else:
             rays = (pixels - (np.array(self.size) - 1) / 2) / (self.size[0] * (focal or _ASSUMED_FOCAL))
         flat = places.copy()
         level = float(places[:, 2].mean())
         flat[:, 2] = 0.0
         best, least = None, np.inf
-        _, rotations, shifts, _ = cv2.solvePnPGeneric(flat, np.ascontiguousarray(rays), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
+        _, rotations, shifts, _ = cv2.solvePnPGeneric(
+            flat, np.ascontiguousarray(rays), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+        )
         for r, t in zip(rotations, shifts, strict=True):
             R = cv2.Rodrigues(r)[0]
             t = np.ravel(t) - R[:, 2] * level
@@ -549,12 +576,16 @@ class _Lens:
         return tuple(words)
 
 
-def _solve_points(lens: _Lens, pixels: FloatArray, places: FloatArray, miss: Callable[[FloatArray], FloatArray]) -> FloatArray:
+def _solve_points(
+    lens: _Lens, pixels: FloatArray, places: FloatArray, miss: Callable[[FloatArray], FloatArray]
+) -> FloatArray:
     def all_misses(x: FloatArray) -> FloatArray:
         return np.concatenate([miss(x), lens.high(x)])
 
     starts = [lens.guess(pixels, places, f) for f in (_FOCALS if lens.free_focal else (None,))]
-    fits = [least_squares(all_misses, x, x_scale="jac", method="trf", xtol=1e-14, ftol=1e-14, gtol=1e-14) for x in starts]
+    fits = [
+        least_squares(all_misses, x, x_scale="jac", method="trf", xtol=1e-14, ftol=1e-14, gtol=1e-14) for x in starts
+    ]
     fit = min(fits, key=lambda fit: float(fit.cost))
     if lens.free_focal and lens.height is None and _is_vague(fit):
         lens.focal = _ASSUMED_FOCAL
@@ -562,17 +593,17 @@ def _solve_points(lens: _Lens, pixels: FloatArray, places: FloatArray, miss: Cal
     return np.asarray(fit.x)
 
 
-def _is_vague(fit: Any) -> bool:
-    """Whether the focal length could as well be quite another."""
+def _is_vague(fit: Any, together: float = 1.0) -> bool:
+    """Whether the focal length could as well be quite another; `together` is how many points miss as one."""
     J = np.asarray(fit.jac)
     spare = max(len(J) - J.shape[1], 0)
     sigma = np.sqrt(2 * fit.cost / spare) if spare > 8 else max(_PIXEL, np.sqrt(2 * fit.cost / max(spare, 1)))
-    deviation = sigma * np.sqrt(np.abs(np.diag(np.linalg.pinv(J.T @ J)))[6])
+    deviation = sigma * np.sqrt(np.abs(np.diag(np.linalg.pinv(J.T @ J)))[6] * together)
     return bool(deviation > _VAGUE) or not -1.6 < fit.x[6] < 2.3
 
 
 def _line_fit(lens: _Lens, points: LinePoints, x: FloatArray, rows: Any = slice(None), most: int = 30) -> Any:
-    p, uv, normal = np.pad(points.p_field[rows], ((0, 0), (0, 1))), points.uv[rows], points.normal[rows]
+    p, uv, normal = points.p_field[rows], points.uv[rows], points.normal[rows]
 
     def miss(x: FloatArray) -> FloatArray:
         away = ((uv - lens.project(x, p)) * normal).sum(axis=-1)
@@ -583,7 +614,7 @@ def _line_fit(lens: _Lens, points: LinePoints, x: FloatArray, rows: Any = slice(
 
 def _across(lens: _Lens, x: FloatArray, points: LinePoints) -> FloatArray:
     """How far points are from their lines, across them [px]."""
-    away = points.uv - lens.project(x, np.pad(points.p_field, ((0, 0), (0, 1))))
+    away = points.uv - lens.project(x, points.p_field)
     return np.asarray((away * points.normal).sum(axis=-1))
 
 
@@ -597,8 +628,7 @@ def _follow(
             if len(points.uv) < 20 or len(np.unique(points.line)) < 2:
                 return x, points
             new = np.asarray(_line_fit(lens, points, x).x)
-            p = np.pad(points.p_field, ((0, 0), (0, 1)))
-            moved = np.abs(lens.project(new, p) - lens.project(x, p))
+            moved = np.abs(lens.project(new, points.p_field) - lens.project(x, points.p_field))
             x = new
             if not np.nanmax(moved) > 0.02 * search:
                 break
@@ -680,7 +710,9 @@ def _check_points(pixels: FloatArray, places: FloatArray) -> None:
         raise VisionError(f"four points are needed, got {len(pixels)}")
     for what, points, unit in (("pixels", pixels, "px"), ("places", places[:, :2], "m")):
         if _flatness(points) < _FLAT:
-            raise VisionError(f"the {what} lie on one line (within {100 * _flatness(points):.2g} % of its length): {_shown(points, unit)}")
+            raise VisionError(
+                f"the {what} lie on one line (within {100 * _flatness(points):.2g} % of its length): {_shown(points, unit)}"
+            )
         if len(points) == 4:
             for i in range(4):
                 if _flatness(np.delete(points, i, axis=0)) < _FLAT:
