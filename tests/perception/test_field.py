@@ -59,17 +59,20 @@ def test_corners_to_half_a_pixel_are_within_the_pass_mark():
 
 
 def test_the_report_tells_the_residual_in_millimetres():
-    uv = VIEW.to_image(CORNERS)
+    places = np.concatenate([CORNERS, CORNERS * 0.6])
+    uv = VIEW.to_image(places)
     uv[2] += (4.0, 0.0)
-    result = field.from_points(uv, CORNERS, camera=TRUE, names=["a", "b", "c", "d"])
-    expected = np.hypot(*(result.view.to_field(uv) - CORNERS).T)
+    result = field.from_points(uv, places, camera=TRUE, names=list("abcdefgh"))
+    expected = np.hypot(*(result.view.to_field(uv) - places).T)
     np.testing.assert_allclose(result.error, expected)
     assert result.rms == pytest.approx(np.sqrt((expected**2).mean()))
     assert result.worst == pytest.approx(expected.max())
-    # Without the bad corner the other three are exact, and it stands out by 4 px.
+    # Without the bad corner the others are exact, and it stands out by 4 px.
     assert max(result.left_out_error, key=result.left_out_error.get) == "c"
     scale = np.abs(VIEW.jacobian(uv[2]) @ (4.0, 0.0))
     assert result.left_out_error["c"] == pytest.approx(np.hypot(*scale), rel=0.05)
+    four = field.from_points(uv[:4], CORNERS, camera=TRUE)
+    assert four.left_out_error == {}  # three points have a pose of their own, which says nothing of the fourth
     assert f"RMS {result.rms * 1e3:.2f} mm, worst {result.worst * 1e3:.2f} mm" in result.report()
 
 
@@ -296,10 +299,9 @@ def test_points_that_are_malformed():
         strong = Camera(TRUE.matrix, [-0.9, 0, 0, 0], (640, 480))
         field.from_points([[0, 0], [639, 0], [639, 479], [0, 479]], CORNERS, camera=strong)
     with pytest.raises(VisionError, match="do not fit any view of the field"):
-        p = np.random.default_rng(0).permutation(GRID[::20])
-        field.from_points(
-            VIEW.to_image(np.concatenate([CORNERS, GRID[::20]])), np.concatenate([CORNERS, p]), camera=TRUE
-        )
+        mixed = np.random.default_rng(0).permutation(GRID[::3])  # beside the corners, which fit
+        places = np.concatenate([*[CORNERS] * 20, mixed])
+        field.from_points(VIEW.to_image(np.concatenate([*[CORNERS] * 20, GRID[::3]])), places, camera=TRUE)
 
 
 def test_the_picture_shows_the_field_and_the_misses(picture):
@@ -311,4 +313,4 @@ def test_the_picture_shows_the_field_and_the_misses(picture):
     head = drawn.shape[0] - 480
     u, v = np.rint(result.view.to_image([0.0, 0.65])).astype(int)
     around = drawn[head + v - 2 : head + v + 3, u - 2 : u + 3]
-    assert (around == (80, 200, 255)).all(axis=-1).any()  # the upper border is where it should be
+    assert np.abs(around.astype(int) - (80, 200, 255)).max(axis=-1).min() < 60  # the upper border is where it should be
