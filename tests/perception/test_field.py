@@ -158,7 +158,7 @@ def test_lines_find_a_lens_that_is_not_known(rays):
 def test_a_picture_without_a_field_leaves_a_doubt(rays):
     noise = np.random.default_rng(0).integers(0, 60, (480, 640)).astype(np.uint8)
     cv2.rectangle(noise, (60, 60), (580, 420), 255, 3)  # something large and light
-    with pytest.raises(VisionError, match="leave a doubt|nothing in the image looks like a field"):
+    with pytest.raises(VisionError, match=r"leave a doubt|nothing in the image looks like a field"):
         field.from_lines(noise, field_lines.lines("ssl-b"), camera=TRUE)
     start = FieldView(TRUE, overhead(1.9))
     with pytest.raises(VisionError, match="of the lines of vsss were seen near the corners that were given"):
@@ -295,19 +295,18 @@ def test_points_that_are_malformed():
         field.from_points(uv, CORNERS)
     with pytest.raises(VisionError, match="radial distortion needs six points or more, got 4"):
         field.from_points(uv, CORNERS, image_size=(640, 480), radial=1)
+    strong = Camera(TRUE.matrix, [-0.9, 0, 0, 0], (640, 480))
     with pytest.raises(VisionError, match="beyond the reach of the lens"):
-        strong = Camera(TRUE.matrix, [-0.9, 0, 0, 0], (640, 480))
         field.from_points([[0, 0], [639, 0], [639, 479], [0, 479]], CORNERS, camera=strong)
+    mixed = np.random.default_rng(0).permutation(GRID[::3])  # beside the corners, which fit
+    pixels = VIEW.to_image(np.concatenate([*[CORNERS] * 20, GRID[::3]]))
     with pytest.raises(VisionError, match="do not fit any view of the field"):
-        mixed = np.random.default_rng(0).permutation(GRID[::3])  # beside the corners, which fit
-        places = np.concatenate([*[CORNERS] * 20, mixed])
-        field.from_points(VIEW.to_image(np.concatenate([*[CORNERS] * 20, GRID[::3]])), places, camera=TRUE)
+        field.from_points(pixels, np.concatenate([*[CORNERS] * 20, mixed]), camera=TRUE)
 
 
 def test_the_picture_shows_the_field_and_the_misses(picture):
-    result = field.from_points(
-        VIEW.to_image(CORNERS) + [[3, 0], [0, 3], [-3, 0], [0, -3]], CORNERS, camera=TRUE, size=(1.5, 1.3)
-    )
+    uv = VIEW.to_image(CORNERS) + np.array([[3, 0], [0, 3], [-3, 0], [0, -3]])
+    result = field.from_points(uv, CORNERS, camera=TRUE, size=(1.5, 1.3))
     drawn = result.picture(np.repeat(picture[..., None], 3, axis=-1))
     assert drawn.shape[1:] == (640, 3)
     head = drawn.shape[0] - 480
