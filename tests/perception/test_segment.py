@@ -237,7 +237,11 @@ def test_frames_without_pixels(shape):
 @pytest.mark.parametrize(
     ("image", "order", "words"),
     [
-        (np.zeros((4, 6), np.uint8), "bgr", r"shape \(height, width, 3\) for order 'bgr', got \(4, 6\); a grey frame has no"),
+        (
+            np.zeros((4, 6), np.uint8),
+            "bgr",
+            r"shape \(height, width, 3\) for order 'bgr', got \(4, 6\); a grey frame has no",
+        ),
         (np.zeros((4, 6, 1), np.uint8), "bgr", "a grey frame has no colours to find"),
         (np.zeros((4, 6, 4), np.uint8), "bgr", r"shape \(height, width, 3\) for order 'bgr', got \(4, 6, 4\)$"),
         (np.zeros((4, 6, 3), np.uint16), "bgr", r"must be uint8, got uint16; scale 16 bits to 8 first"),
@@ -245,7 +249,11 @@ def test_frames_without_pixels(shape):
         (np.zeros((4, 6, 3), np.int8), "rgb", "must be uint8, got int8$"),
         ([[[1, 2, 3]]], "bgr", "must be a NumPy array of shape .* got list"),
         (None, "bgr", "got NoneType"),
-        (np.zeros((4, 6), np.uint8), "i420", r"\(height \* 3 / 2, width\), height and width even for order 'i420', got \(4, 6\)"),
+        (
+            np.zeros((4, 6), np.uint8),
+            "i420",
+            r"\(height \* 3 / 2, width\), height and width even for order 'i420', got \(4, 6\)",
+        ),
         (np.zeros((6, 5), np.uint8), "nv12", r"got \(6, 5\)"),
         (np.zeros((6, 6, 3), np.uint8), "i420", r"got \(6, 6, 3\)"),
         (np.zeros((6, 5, 2), np.uint8), "yuyv", r"width even for order 'yuyv', got \(6, 5, 2\)"),
@@ -260,7 +268,9 @@ def test_frames_that_are_none(image, order, words):
 
 def test_orders_and_areas_that_are_none():
     frame = np.zeros((4, 4, 3), np.uint8)
-    with pytest.raises(UnknownNameError, match="no order 'grb'; did you mean .* orders are: bgr, rgb, i420, nv12, yuyv"):
+    with pytest.raises(
+        UnknownNameError, match=r"no order 'grb'; did you mean .* orders are: bgr, rgb, i420, nv12, yuyv"
+    ):
         segment(frame, TWO_COLORS, order="grb")
     for least, most in ((0, None), (-3, None), (5, 4)):
         with pytest.raises(ArrayError, match="1 <= min_area <= max_area"):
