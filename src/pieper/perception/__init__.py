@@ -3,6 +3,8 @@
 ``source -> frame -> segment -> pattern -> track -> output``, with colour models and calibration read from YAML.
 
 ===============  ====================================================================================
+`source`         frames of a video, a folder, a camera, a stream, a pipe or a list, read ahead
+`reader`         what each of these is
 `frame`          one image with its number and its capture time
 `camera`         a camera as numbers: matrix, distortion, size
 `field_view`     where on the field a pixel looks: metres from pixels, or pixels as they are
