@@ -12,5 +12,9 @@
 `blobs`          connected patches of one colour in one frame
 `sighting`       what one frame says of one object
 `estimate`       what the tracker believes of one object
+`overlay`        what was seen and is believed, drawn over the frame
+`output`         tables of tracks (CSV, JSON lines, Parquet) and annotated videos
+`stream`         steps for whoever listens while it runs
+`follow`         a source through a tracker into all of these; can be stopped and resumed
 ===============  ====================================================================================
 """

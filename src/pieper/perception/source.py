@@ -52,6 +52,7 @@ class Source:
         self.info = frames.info
         self.taken = 0
         self._size: tuple[int, int] | None = None
+        self._stopping = False
         self._reader, self._start, self._stop = frames, start, stop
         self._ahead = _Ahead(frames, start, stop, queue) if threaded else None
         self._last = weakref.finalize(self, _end, frames, self._ahead)
@@ -64,6 +65,8 @@ class Source:
     def __iter__(self) -> Iterator[Frame]:
         """Give the frames that are left."""
         for item in self._ahead if self._ahead is not None else self._here():
+            if self._stopping:
+                return
             if isinstance(item, Note):
                 warnings.warn(str(item), PieperWarning, stacklevel=2)
                 continue
@@ -85,6 +88,12 @@ class Source:
                 return
             yield item
 
+    def stop(self) -> None:
+        """Have the iteration end before the next frame; may be called from anywhere, a signal handler too."""
+        self._stopping = True
+        if self._ahead is not None:
+            self._ahead.leave = True
+
     def close(self) -> None:
         """Stop the thread and let go of the file or camera; iterating ends."""
         self._last()
@@ -103,6 +112,7 @@ class _Ahead:
 
     def __init__(self, frames: Reader, start: int, stop: int | None, length: int) -> None:
         self.dropped = 0
+        self.leave = False
         self._length, self._live = max(1, length), frames.info.live
         self._items: deque[Frame | Note] = deque()
         self._change = threading.Condition()
@@ -141,9 +151,9 @@ class _Ahead:
     def __iter__(self) -> Iterator[Frame | Note]:
         while True:
             with self._change:
-                while not (self._items or self._done or self._stopped):
+                while not (self._items or self._done or self._stopped or self.leave):
                     self._change.wait(0.2)  # so that Ctrl-C is heard
-                if self._stopped:
+                if self._stopped or self.leave:
                     return
                 if not self._items:
                     if self._error is not None:
