@@ -89,6 +89,10 @@ class MissingLibraryError(PieperError, ImportError):
     """A library of the operating system is not installed; the message names the packages that bring it."""
 
 
+class VisionError(PieperError, ValueError):
+    """A video, colour model, calibration or pattern is malformed, or does not suffice."""
+
+
 class RosError(PieperError):
     """A ROS 2 name, type, message, parameter or network setting is not what it has to be."""
 

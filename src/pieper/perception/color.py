@@ -1,0 +1,520 @@
+"""Colours as distributions of pixels, with the background beside them: what a colour is, in a file and as a table.
+
+A pixel belongs to the colour whose density there is greatest, if its Mahalanobis distance ::
+
+    d^2 = (x - m)^T (C + L + N(pixel))^-1 (x - m)
+
+is at most the threshold, and the background is not likelier. C is the covariance that was learned, L what changes of the light may add,
+N the noise of that pixel, which is much where it is dark. A pixel has one colour at most.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from pieper.errors import ArrayError, VisionError, unknown_name
+from pieper.perception.color_space import LogChroma, Space, space_named
+from pieper.perception.color_table import BITS, ColorTable
+from pieper.perception.yaml_file import Section, read_yaml, write_yaml
+from pieper.spatial._checks import stack
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from pieper.perception.frame import Image
+    from pieper.spatial._checks import FloatArray
+
+FORMAT = "pieper colors 1"
+THRESHOLD = 4.0
+"""Mahalanobis distance: 99.9 % of the pixels of a Gaussian colour lie within it."""
+
+LIGHT, CAST = 0.35, 0.06
+"""Standard deviations of the light and of its colour, as logarithms: the light may halve at two of them, a channel change by a ninth."""
+
+DARKEST = 24
+"""The brightest channel of a pixel that can have a colour [grey levels]."""
+
+DIMMER, BRIGHTER = np.log(6.0), np.log(3.0)
+"""How far a pixel may be from the brightness of its colour, whatever its distance."""
+
+_FEWEST_EIGENVALUE = 1e-12
+
+Bgr = tuple[int, int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Background:
+    """What is no colour, as a mixture of Gaussians.
+
+    Attributes
+    ----------
+    weights : (b,) array
+        Shares, with sum 1; none if there is no background.
+    means, covariances : (b, 3) and (b, 3, 3) arrays
+        In the space of the model.
+    """
+
+    weights: FloatArray = field(default_factory=lambda: np.zeros(0))
+    means: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    covariances: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+
+    def __post_init__(self) -> None:
+        _freeze(self, "weights", "means", "covariances")
+
+
+@dataclass(frozen=True, eq=False)
+class ColorModel:
+    """What each colour looks like.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The colours.
+    means, covariances : (k, 3) and (k, 3, 3) arrays
+        Of their pixels, in the space; covariances are within captures and between them together.
+    draw : tuple of (int, int, int)
+        Blue, green, red in which each is drawn.
+    space : str
+        ``"log-chroma"`` or ``"hsv"``.
+    threshold : float
+        Mahalanobis distance d within which a pixel may be of a colour. Not its square.
+    light, cast : float
+        Standard deviations of the light, and of its colour, that a colour may be seen under [logarithm].
+    background : Background
+    shifts : (k, 3) array
+        Added to the means: where the light of now has moved the colours. Only in log-chroma.
+    background_shift : (3,) array
+        The same for the background.
+    notes : mapping
+        Where it comes from and how it was tested, as `learn` writes it: plain data, kept in the file.
+
+    Raises
+    ------
+    ArrayError
+        A shape is wrong, or a covariance is not positive definite.
+    VisionError
+        Names are missing or doubled, or a number is out of range.
+
+    Examples
+    --------
+    >>> spread = 0.01 * np.eye(3)
+    >>> model = ColorModel(("red", "blue"), np.log([[31, 31, 221], [221, 61, 31]]), [spread, spread])
+    >>> picture = np.array([[[30, 30, 220], [12, 12, 88], [220, 60, 30], [90, 90, 90]]], np.uint8)
+    >>> model.classify(picture)  # the second is the first at 0.4 of the light
+    array([[1, 1, 2, 0]], dtype=uint8)
+    >>> round(model.share_inside, 4)
+    0.9989
+    """
+
+    names: tuple[str, ...]
+    means: FloatArray
+    covariances: FloatArray
+    draw: tuple[Bgr, ...] = ()
+    space: str = LogChroma.name
+    threshold: float = THRESHOLD
+    light: float = LIGHT
+    cast: float = CAST
+    background: Background = field(default_factory=Background)
+    shifts: FloatArray = field(default_factory=lambda: np.zeros(0))
+    background_shift: FloatArray = field(default_factory=lambda: np.zeros(3))
+    notes: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        names = tuple(str(name) for name in self.names)
+        k = len(names)
+        if not names or len(set(names)) < k or not all(name.strip() for name in names) or k > 255:
+            raise VisionError(f"names must be 1 to 255 different words, got {names}")
+        object.__setattr__(self, "names", names)
+        space_named(self.space)
+        object.__setattr__(self, "means", stack(self.means, (3,), "means").reshape(-1, 3))
+        object.__setattr__(self, "covariances", stack(self.covariances, (3, 3), "covariances").reshape(-1, 3, 3))
+        if np.size(self.shifts) == 0:
+            object.__setattr__(self, "shifts", np.zeros((k, 3)))
+        _freeze(self, "means", "covariances", "shifts", "background_shift")
+        for name, shape in {"means": (k, 3), "covariances": (k, 3, 3), "shifts": (k, 3)}.items():
+            if getattr(self, name).shape != shape:
+                raise ArrayError(f"{name} must have shape {shape} for {k} colours, got {getattr(self, name).shape}")
+        for name, covariance in zip(names, self.covariances, strict=True):
+            if not _definite(covariance):
+                raise ArrayError(f"the covariance of {name!r} must be symmetric and positive definite")
+        for which, least, most in (("threshold", 0.1, 100.0), ("light", 0.0, 5.0), ("cast", 0.0, 5.0)):
+            if not least <= getattr(self, which) <= most:
+                raise VisionError(f"{which} must be from {least:g} to {most:g}, got {getattr(self, which)}")
+        draw = self.draw or tuple(self._middle(i) for i in range(k))
+        if len(draw) != k:
+            raise VisionError(f"draw must have {k} colours, one for each name, got {len(draw)}")
+        object.__setattr__(self, "draw", tuple(draw))
+
+    @property
+    def share_inside(self) -> float:
+        """Share of the pixels of a Gaussian colour within the threshold: chi-square of its square, with 3 degrees of freedom."""
+        return float(chi2.cdf(self.threshold**2, 3))
+
+    def index(self, name: str) -> int:
+        """Return the place of a colour among the names.
+
+        Raises
+        ------
+        UnknownNameError
+            There is none of that name.
+        """
+        if name not in self.names:
+            raise unknown_name("colour", name, self.names, "this colour model")
+        return self.names.index(name)
+
+    def distance(self, image: NDArray[Any], name: str) -> FloatArray:
+        """Return the Mahalanobis distance of each pixel to a colour.
+
+        Parameters
+        ----------
+        image : (..., 3) array
+            Blue, green, red, 0 to 255.
+        name : str
+            The colour.
+
+        Returns
+        -------
+        (...) array
+            d, not its square.
+        """
+        pixels = _pixels(image)
+        return np.sqrt(self._gaussian(pixels.reshape(-1, 3), self.index(name))[0]).reshape(pixels.shape[:-1])
+
+    def mask(self, image: NDArray[Any], name: str, threshold: float | None = None) -> NDArray[np.bool_]:
+        """Return where pixels are within a distance of a colour, whatever else they may be near to.
+
+        Parameters
+        ----------
+        image : (..., 3) array
+            Blue, green, red.
+        name : str
+            The colour.
+        threshold : float, optional
+            Mahalanobis distance d, that of the model if not given.
+
+        Returns
+        -------
+        (...) bool array
+            `classify` gives one colour to each pixel; masks may overlap.
+        """
+        return self.distance(image, name) <= (self.threshold if threshold is None else threshold)
+
+    def classify(self, image: NDArray[Any]) -> NDArray[np.uint8]:
+        """Return the label of each pixel ``(...)``: 0 none, 1 the first colour, ...; `table` is the fast way."""
+        pixels = _pixels(image)
+        flat = pixels.reshape(-1, 3)
+        density, labels = np.full(len(flat), -np.inf), np.zeros(len(flat), np.uint8)
+        for k in range(len(self.names)):
+            self._claim(k, flat, np.arange(len(flat)), density, labels)
+        self._leave_background(flat, density, labels)
+        return labels.reshape(pixels.shape[:-1])
+
+    def table(self, bits: int = BITS) -> ColorTable:
+        """Return the model as a table over all pixels, one colour at most for each cell, as at the middle of the cell."""
+        side = 1 << bits
+        middle = (np.arange(side) + 0.5) * (256 / side) - 0.5
+        density, labels = np.full(side**3, -np.inf), np.zeros(side**3, np.uint8)
+        for k in range(len(self.names)):
+            b, g, r = np.ix_(*self._near(k, middle))
+            cells = ((b * side + g) * side + r).reshape(-1)
+            pixels = np.stack(np.broadcast_arrays(middle[b], middle[g], middle[r]), axis=-1).reshape(-1, 3)
+            self._claim(k, pixels, cells, density, labels)
+        found = np.flatnonzero(labels)
+        pixels = middle[np.stack([found // side**2, found // side % side, found % side], axis=-1)]
+        kept = labels[found]
+        self._leave_background(pixels, density[found], kept)
+        labels[found] = kept
+        return ColorTable(self.names, labels.reshape(side, side, side))
+
+    def shifted(self, shifts: ArrayLike, background_shift: ArrayLike) -> ColorModel:
+        """Return the model with its colours ``(k, 3)`` and its background ``(3,)`` moved in log-chroma from where they were learned."""
+        if self.space != LogChroma.name:
+            raise VisionError(f"only colours in {LogChroma.name} can be shifted, these are in {self.space}")
+        return replace(
+            self,
+            shifts=stack(shifts, (len(self.names), 3), "shifts"),
+            background_shift=stack(background_shift, (3,), "background_shift"),
+        )
+
+    @property
+    def spreads(self) -> FloatArray:
+        """Covariances with what the light may add, without the noise of a pixel, ``(k, 3, 3)``."""
+        space = space_named(self.space)
+        light = [space.spread(mean, self.light, self.cast) for mean in self.means]
+        return self.covariances + np.array(light)
+
+    def separation(self, first: str, second: str) -> float:
+        """Return the Mahalanobis distance between the means of two colours, with the mean of their spreads."""
+        i, j = self.index(first), self.index(second)
+        away = space_named(self.space).minus(self.means[i].copy(), self.means[j])
+        return float(np.sqrt(away @ np.linalg.solve((self.spreads[i] + self.spreads[j]) / 2, away)))
+
+    def save(self, path: str | Path) -> None:
+        """Write the model as YAML."""
+        data = {
+            "format": FORMAT,
+            "space": self.space,
+            "threshold": self.threshold,
+            "share_inside": round(self.share_inside, 5),
+            "light": self.light,
+            "cast": self.cast,
+            "colors": {
+                name: {"draw": _hex(draw), "mean": mean, "covariance": covariance}
+                for name, draw, mean, covariance in zip(
+                    self.names, self.draw, (self.means + self.shifts).tolist(), self.covariances.tolist(), strict=True
+                )
+            },
+            "background": {
+                "weights": self.background.weights,
+                "means": self.background.means + self.background_shift,
+                "covariances": self.background.covariances,
+            },
+            **self.notes,
+        }
+        comment = (
+            "Colours as pixels of a video, for `pieper track --colors`.\n"
+            "threshold: Mahalanobis distance d (not squared); share_inside: share of a colour's own pixels within it.\n"
+            "Means are of log(blue + 1), log(green + 1), log(red + 1)."
+            if self.space == LogChroma.name
+            else "Colours as pixels of a video, for `pieper track --colors`.\nMeans are of hue [0, 180), saturation, value."
+        )
+        write_yaml(path, data, comment=comment)
+
+    @classmethod
+    def load(cls, path: str | Path) -> ColorModel:
+        """Read a model that `save` wrote, or a person.
+
+        Raises
+        ------
+        VisionError
+            The file is malformed; the message names line and field.
+        """
+        return _from_yaml(read_yaml(path))
+
+    def _middle(self, k: int) -> Bgr:
+        """The colour itself, to draw it with."""
+        from pieper.perception.color_space import Hsv
+
+        if self.space == Hsv.name:
+            return _from_hsv(self.means[k])
+        b, g, r = np.clip(np.exp(np.minimum(self.means[k], 9.0)) - 1.0, 0, 255).round().astype(int).tolist()
+        return b, g, r
+
+    def _gaussian(
+        self, pixels: NDArray[Any], k: int, *, learned_light: bool = False
+    ) -> tuple[FloatArray, FloatArray]:
+        """Squared distance and logarithm of the determinant of the covariance, of pixels ``(n, 3)``."""
+        space = space_named(self.space)
+        covariance = self.covariances[k] if learned_light else self.spreads[k]
+        return gaussian(space, pixels, self.means[k] + self.shifts[k], covariance)
+
+    def _claim(
+        self, k: int, pixels: NDArray[Any], cells: NDArray[Any], density: FloatArray, labels: NDArray[np.uint8]
+    ) -> None:
+        """Give the label of colour k to those of the cells, whose pixels these are, that are nearer to it than to those before."""
+        squared, logdet = self._gaussian(pixels, k)
+        height = -0.5 * (squared + logdet)
+        takes = (squared <= self.threshold**2) & (height > density[cells]) & (pixels.max(axis=-1) >= DARKEST)
+        if self.space == LogChroma.name:
+            brightness = (np.log(pixels + 1.0) - self.means[k] - self.shifts[k]).mean(axis=-1)
+            takes &= (brightness > -DIMMER) & (brightness < BRIGHTER)
+        density[cells[takes]] = height[takes]
+        labels[cells[takes]] = k + 1
+
+    def _leave_background(self, pixels: NDArray[Any], density: FloatArray, labels: NDArray[np.uint8]) -> None:
+        """Take labels away where the background is likelier."""
+        ground = self.background
+        rows = np.flatnonzero(labels)
+        if not ground.weights.size or not rows.size:
+            return
+        space = space_named(self.space)
+        near = pixels[rows]
+        total = np.full(len(rows), -np.inf)
+        for weight, mean, covariance in zip(ground.weights, ground.means, ground.covariances, strict=True):
+            at = mean + self.background_shift
+            squared, logdet = gaussian(space, near, at, covariance + space.spread(at, self.light, self.cast))
+            total = np.logaddexp(total, np.log(weight) - 0.5 * (squared + logdet))
+        labels[rows[total > density[rows]]] = 0
+
+    def _near(self, k: int, middle: FloatArray) -> list[NDArray[Any]]:
+        """Cells along each channel outside of which no distance can be within the threshold: d^2 >= (x_i - m_i)^2 / C_ii."""
+        if self.space != LogChroma.name:
+            return [np.arange(len(middle))] * 3
+        space = space_named(self.space)
+        x = np.log(middle + 1.0)[:, None] - self.means[k] - self.shifts[k]
+        room = self.threshold**2 * (np.diagonal(self.spreads[k]) + space.noise(middle)[:, None])
+        return [np.flatnonzero(inside) for inside in (x**2 <= room).T]
+
+
+def gaussian(space: Space, pixels: NDArray[Any], mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return squared Mahalanobis distances and logarithms of determinants, with the noise of each pixel in its covariance.
+
+    Parameters
+    ----------
+    space : Space
+    pixels : (n, 3) array
+        Blue, green, red.
+    mean, covariance : (3,) and (3, 3) arrays
+
+    Returns
+    -------
+    (n,) and (n,) arrays
+    """
+    x, y, z = space.minus(space.of(pixels), mean).T
+    noise = space.noise(pixels)
+    # The inverse of [a b c; b d e; c e f] by its adjugate, for all pixels at once.
+    a, d, f = (covariance[i, i] + noise[:, i] for i in range(3))
+    b, c, e = covariance[0, 1], covariance[0, 2], covariance[1, 2]
+    A, B, C, D, E, F = d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b
+    det = np.maximum(a * A + b * B + c * C, 1e-30)
+    squared = (x * x * A + y * y * D + z * z * F + 2 * (x * y * B + x * z * C + y * z * E)) / det
+    return np.maximum(squared, 0.0), np.log(det)
+
+
+def _from_yaml(file: Section) -> ColorModel:
+    said = file.text("format", FORMAT)
+    if said != FORMAT:
+        raise file.error("format", f"must be {FORMAT!r}, got {said!r}")
+    colors = file.section("colors")
+    if not len(colors):
+        raise file.error("colors", "must have one colour at least")
+    space = file.text("space", LogChroma.name)
+    if space not in (LogChroma.name, "hsv"):
+        raise file.error("space", str(unknown_name("space", space, [LogChroma.name, "hsv"])))
+    means, covariances, draw = [], [], []
+    for name in colors:
+        color = colors.section(name)
+        color.only("draw", "mean", "covariance")
+        means.append(color.array("mean", (3,)))
+        covariances.append(_covariance(color, "covariance", color.array("covariance", (3, 3))))
+        draw.append(_draw(color))
+    k = len(means)
+    model = ColorModel(
+        tuple(colors),
+        np.array(means),
+        np.array(covariances),
+        space=space,
+        threshold=file.number("threshold", THRESHOLD, least=0.1, most=100.0),
+        light=file.number("light", LIGHT, least=0.0, most=5.0),
+        cast=file.number("cast", CAST, least=0.0, most=5.0),
+        background=_background(file.section("background", None)),
+        notes=file.plain("regions", "learned", "validation"),
+    )
+    return replace(model, draw=tuple(draw[i] or model.draw[i] for i in range(k)))
+
+
+def _background(section: Section | None) -> Background:
+    if section is None:
+        return Background()
+    weights = section.array("weights", (None,))
+    n = len(weights)
+    if not n:
+        return Background()
+    if (weights <= 0).any() or weights.sum() > 1.001:
+        raise section.error("weights", "must be positive, with a sum of 1")
+    covariances = section.array("covariances", (n, 3, 3))
+    for covariance in covariances:
+        _covariance(section, "covariances", covariance)
+    return Background(weights, section.array("means", (n, 3)), covariances)
+
+
+def _covariance(section: Section, key: str, matrix: FloatArray) -> FloatArray:
+    if not _definite(matrix):
+        raise section.error(key, "must be symmetric and positive definite")
+    return matrix
+
+
+def _definite(matrix: FloatArray) -> bool:
+    scale = float(np.abs(matrix).max())
+    if not 0.0 < scale < 1e9 or not np.allclose(matrix, matrix.T, atol=1e-9 * scale):
+        return False
+    return bool(np.linalg.eigvalsh(matrix)[0] > _FEWEST_EIGENVALUE)
+
+
+def _draw(section: Section) -> Bgr | None:
+    if "draw" not in section:
+        return None
+    text = section.text("draw")
+    try:
+        return draw_color(text)
+    except VisionError as error:
+        raise section.error("draw", str(error)) from None
+
+
+_KNOWN: dict[str, Bgr] = {
+    "red": (0, 0, 255),
+    "green": (0, 200, 0),
+    "blue": (255, 64, 0),
+    "yellow": (0, 230, 255),
+    "orange": (0, 140, 255),
+    "pink": (180, 105, 255),
+    "cyan": (255, 220, 0),
+    "lime": (0, 255, 160),
+    "purple": (200, 0, 140),
+    "magenta": (255, 0, 255),
+    "white": (255, 255, 255),
+    "rojo": (0, 0, 255),
+    "verde": (0, 200, 0),
+    "azul": (255, 64, 0),
+    "amarillo": (0, 230, 255),
+    "naranja": (0, 140, 255),
+    "rosa": (180, 105, 255),
+}
+
+
+def draw_color(text: str) -> Bgr:
+    """Return the blue, green and red of ``#rrggbb`` or of a word.
+
+    >>> draw_color("#ff8000")
+    (0, 128, 255)
+    """
+    word = text.strip().lower()
+    if word in _KNOWN:
+        return _KNOWN[word]
+    if len(word) == 7 and word[0] == "#" and all(c in "0123456789abcdef" for c in word[1:]):
+        r, g, b = (int(word[i : i + 2], 16) for i in (1, 3, 5))
+        return b, g, r
+    raise VisionError(f"a draw colour must be #rrggbb or one of {', '.join(_KNOWN)}, got {text!r}")
+
+
+def default_draw(name: str) -> Bgr | None:
+    """Return the colour of a name that is one, as in ``"Red"`` or ``"red 2"``; None if it is not."""
+    first = name.strip().lower().replace("_", " ").replace("-", " ").split(" ")[0]
+    return _KNOWN.get(first)
+
+
+def _hex(bgr: Sequence[int]) -> str:
+    b, g, r = bgr
+    return f"#{r:02x}{g:02x}{b:02x}"
+
+
+def _from_hsv(hsv: FloatArray) -> Bgr:
+    import colorsys
+
+    r, g, b = colorsys.hsv_to_rgb(hsv[0] % 180.0 / 180.0, *(np.clip(hsv[1:], 0, 255) / 255.0))
+    return round(255 * b), round(255 * g), round(255 * r)
+
+
+def _pixels(image: NDArray[Any]) -> NDArray[Any]:
+    pixels = np.asarray(image)
+    if pixels.ndim < 1 or pixels.shape[-1] != 3 or pixels.dtype.kind not in "uif":
+        raise ArrayError(f"image must have shape (..., 3), blue green red from 0 to 255, got {pixels.shape} {pixels.dtype}")
+    if pixels.dtype != np.uint8:
+        if pixels.size and not (pixels.min() >= 0 and pixels.max() <= 255):
+            raise ArrayError("image must be blue, green, red from 0 to 255; scale 16-bit images down first")
+        return pixels.astype(np.float64)
+    return pixels
+
+
+def _freeze(thing: Any, *names: str) -> None:
+    for name in names:
+        array = np.array(getattr(thing, name), dtype=np.float64)
+        array.flags.writeable = False
+        object.__setattr__(thing, name, array)
