@@ -129,8 +129,8 @@ class Marker:
     def outline(self, corners: int) -> FloatArray:
         """Return its outline in the robot's frame, ``(n, 2)`` [m]."""
         if self.box is not None:
-            return _rectangle(*self.box) + np.array([self.x, self.y])
-        return circle(self.radius, corners) + np.array([self.x, self.y])
+            return np.asarray(_rectangle(*self.box) + np.array([self.x, self.y]))
+        return np.asarray(circle(self.radius, corners) + np.array([self.x, self.y]))
 
 
 @dataclass(frozen=True)
