@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
     from pieper.perception.blobs import Blobs
     from pieper.perception.field_view import View
+    from pieper.perception.scene import Scene
     from pieper.perception.yaml_file import Section
     from pieper.spatial._checks import FloatArray
 
@@ -131,6 +132,19 @@ class Patterns:
             if look in looks:
                 raise VisionError(f"robots {looks[look]!r} and {robot.name!r} have the same markers, and look the same")
             looks[look] = robot.name
+
+    @classmethod
+    def of_scene(cls, scene: Scene) -> Patterns:
+        """Return what is on a scene that is rendered."""
+        robots, ball = [], None
+        for thing in scene.things:
+            if thing.kind == "ball":
+                ball = BallPattern(thing.color, thing.radius)
+                continue
+            height = thing.model.height
+            markers = (PatternMarker(m.color, (m.x, m.y), height, float(np.sqrt(m.area / np.pi))) for m in thing.model.markers)
+            robots.append(Pattern(thing.name, tuple(markers)))
+        return cls(tuple(robots), ball)
 
     def __bool__(self) -> bool:
         return bool(self.robots) or self.ball is not None
