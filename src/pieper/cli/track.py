@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from pieper.perception.follow import Follows, Found, Resumed, Summary
     from pieper.perception.frame import Frame
     from pieper.perception.output import TrackWriter, VideoFile
-    from pieper.perception.overlay import Overlay
     from pieper.perception.source import Source
 
 METHODS = ("pieper", "report")
@@ -37,7 +36,8 @@ def track(
     ],
     colors: Annotated[Path, typer.Option("--colors", metavar="FILE", help="Colours, from learn-colour.")],
     field: Annotated[
-        Path | None, typer.Option("--field", metavar="FILE", help="Field, from calibrate-field: metres instead of pixels.")
+        Path | None,
+        typer.Option("--field", metavar="FILE", help="Field, from calibrate-field: metres instead of pixels."),
     ] = None,
     patterns: Annotated[
         str | None,
@@ -46,10 +46,15 @@ def track(
     ball: Annotated[str | None, typer.Option("--ball", metavar="COLOUR", help="Colour of a ball.")] = None,
     largest: Annotated[
         list[str] | None,
-        typer.Option("--largest", metavar="COLOUR", help="Without patterns: follow only the largest patch of this colour."),
+        typer.Option(
+            "--largest", metavar="COLOUR", help="Without patterns: follow only the largest patch of this colour."
+        ),
     ] = None,
     method: Annotated[
-        str, typer.Option("--method", metavar="METHOD", help="pieper, or report: the pipeline of the report, as it is printed.")
+        str,
+        typer.Option(
+            "--method", metavar="METHOD", help="pieper, or report: the pipeline of the report, as it is printed."
+        ),
     ] = "pieper",
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FILE", help="Table of tracks: .csv, .jsonl or .parquet.")
@@ -63,7 +68,9 @@ def track(
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the table in --out, where it ended.")] = False,
     warm_up: Annotated[
         float,
-        typer.Option("--warm-up", metavar="SECONDS", help="With --resume: seconds before its end that are tracked again."),
+        typer.Option(
+            "--warm-up", metavar="SECONDS", help="With --resume: seconds before its end that are tracked again."
+        ),
     ] = 2.0,
     size: Annotated[
         str | None, typer.Option("--size", metavar="WxH", help="Of raw BGR frames on standard input.")
@@ -72,7 +79,8 @@ def track(
         float | None, typer.Option("--fps", metavar="N", help="Of images, raw frames, or to ask a camera for.")
     ] = None,
     patience: Annotated[
-        float, typer.Option("--patience", metavar="SECONDS", help="How long a camera may be away before it is given up.")
+        float,
+        typer.Option("--patience", metavar="SECONDS", help="How long a camera may be away before it is given up."),
     ] = 60.0,
     trail: Annotated[int, typer.Option("--trail", metavar="N", help="Frames of the trails that are drawn.")] = 60,
     verbose: Annotated[bool, typer.Option("--verbose", help="Print every detection with its radius.")] = False,
@@ -152,7 +160,9 @@ def _tracker(
     view: View = PixelView()
     if method == "report":
         if field is not None or patterns is not None or ball is not None or largest:
-            raise VisionError("the report's method knows no field and no patterns; leave out --field, --patterns, --ball, --largest")
+            raise VisionError(
+                "the report's method knows no field and no patterns; leave out --field, --patterns, --ball, --largest"
+            )
         return model, _report(model, colors, tracked), view, {}
     if field is not None:
         from pieper.perception.field import load_view

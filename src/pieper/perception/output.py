@@ -361,9 +361,7 @@ class VideoFile:
             self._writer = cv2.VideoWriter(str(self._unfinished), cv2.CAP_FFMPEG, code, self._fps, size)
             if not self._writer.isOpened():
                 self._unfinished.unlink(missing_ok=True)
-                raise VisionError(
-                    f"{self.path}: a video of {size[0]} x {size[1]} at {self._fps:g}/s cannot be written"
-                )
+                raise VisionError(f"{self.path}: a video of {size[0]} x {size[1]} at {self._fps:g}/s cannot be written")
         self._writer.write(image)
         self.frames += 1
 

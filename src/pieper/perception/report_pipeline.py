@@ -44,7 +44,8 @@ class ReportPipeline:
         seen = [patch for patch in self.tracker.patches if not patch.occluded]
         blobs = _circles(seen, self._names)
         sightings = tuple(
-            Sighting("marker", patch.color, blobs.centroid[row], None, np.eye(2), (row,)) for row, patch in enumerate(seen)
+            Sighting("marker", patch.color, blobs.centroid[row], None, np.eye(2), (row,))
+            for row, patch in enumerate(seen)
         )
         return Step(frame.index, frame.time, blobs, sightings, estimates, {"total": spent})
 
@@ -91,10 +92,14 @@ def report_colors(
             name, number = str(entry["color"]), int(entry["frame"])
             x, y, width, height = (int(n) for n in entry["roi"])
         except (KeyError, TypeError, ValueError) as cause:
-            raise VisionError(f"a region of the colours is malformed: {entry}; it needs color, frame and roi") from cause
+            raise VisionError(
+                f"a region of the colours is malformed: {entry}; it needs color, frame and roi"
+            ) from cause
         regions.setdefault(name, []).append(read(number)[y : y + height, x : x + width])
     if not regions:
-        raise VisionError("the colours list no regions, from which the report's method learns; learn them with pieper learn-colour")
+        raise VisionError(
+            "the colours list no regions, from which the report's method learns; learn them with pieper learn-colour"
+        )
     return [ReportColor.learn(name, cuts, single=name.lower() in single) for name, cuts in regions.items()]
 
 
@@ -107,7 +112,9 @@ def learned_from(notes: Mapping[str, Any], colors: Path, tracked: str) -> Path:
         It is not where the file says, nor beside the file, nor the one that is tracked.
     """
     learned = notes.get("learned")
-    words = [str(v) for k, v in learned.items() if k in ("video", "source", "path")] if isinstance(learned, dict) else []
+    words = (
+        [str(v) for k, v in learned.items() if k in ("video", "source", "path")] if isinstance(learned, dict) else []
+    )
     for word in words:
         for place in (Path(word), colors.parent / Path(word).name, Path(tracked)):
             if place.name == Path(word).name and place.exists():
