@@ -113,9 +113,7 @@ class TrackerParameters:
     @classmethod
     def metres(cls) -> TrackerParameters:
         """Return what fits robots of a small league, of some m/s and some m/s^2."""
-        return cls(
-            robot=Motion(0.1, 2.0), ball=Motion(1.0, 3.0), marker=Motion(0.5, 2.0), floor=1e-4, heading_floor=1e-3
-        )
+        return cls(robot=Motion(0.1, 2.0), ball=Motion(1.0, 3.0), marker=Motion(0.5, 2.0), floor=1e-4, heading_floor=1e-3)
 
     @classmethod
     def pixels(cls) -> TrackerParameters:
@@ -424,11 +422,7 @@ class Tracker:
         holders = {t.name: i for i, t in enumerate(self._tracks) if t.confirmed and t.unique and t.hits > 0}
         keep = np.ones(len(self._tracks), dtype=bool)
         for i, track in enumerate(self._tracks):
-            old_enough = (
-                track.sighting >= 0
-                and (track.hits >= 2 or p.confirm == 0)
-                and time - track.born >= p.confirm - _ROUNDING
-            )
+            old_enough = track.sighting >= 0 and (track.hits >= 2 or p.confirm == 0) and time - track.born >= p.confirm - _ROUNDING
             if not (track.confirmed or old_enough):
                 continue
             holder = holders.get(track.name, i) if track.unique else i
