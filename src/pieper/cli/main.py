@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pieper.cli import calibrate_camera, convert, fk, ik, info, launch, plot, reach, render, robots, ros, view
+from pieper.cli import calibrate_camera, convert, fk, ik, info, launch, plot, reach, render, robots, ros, track, view
 from pieper.cli.node import RosCommand
 from pieper.errors import MissingExtraError, MissingLibraryError, PieperError, PieperWarning
 
@@ -46,6 +46,7 @@ for _verb, _summary in {
     view: "Open an arm in the browser.",
     convert: "Write an arm as DH rows, screws, URDF, formulas.",
     calibrate_camera: "A lens, from pictures of a printed board.",
+    track: "Follow coloured markers in a video or camera.",
 }.items():
     _name = _verb.__name__.rpartition(".")[2]
     app.command(_name.replace("_", "-"), short_help=_summary)(getattr(_verb, _name))
