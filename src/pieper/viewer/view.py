@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import html
 import math
-import os
-import tempfile
 import threading
 import time
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pieper.errors import PieperError
 from pieper.kinematics.joints import as_joints
+from pieper.motion.files import replacing
 from pieper.motion.robot import RobotState
 from pieper.viewer.arm_view import ArmView
 from pieper.viewer.control import Control
@@ -23,6 +21,7 @@ from pieper.viewer.jog import JogPanel, home, turning
 from pieper.viewer.scenery import SceneryPanel
 
 if TYPE_CHECKING:
+    import os
     from collections.abc import Sequence
 
     from numpy.typing import ArrayLike
@@ -307,15 +306,5 @@ def middle_of(arm: Arm, q: FloatArray) -> FloatArray:
 
 def write_whole(path: str | os.PathLike[str], text: str) -> None:
     """Write a file so that whoever reads it finds the old one or the new one."""
-    goal = Path(path)
-    handle, name = tempfile.mkstemp(dir=goal.parent, prefix=f".{goal.name}.")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        mask = os.umask(0)
-        os.umask(mask)
-        Path(name).chmod(0o666 & ~mask)
-        Path(name).replace(goal)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+    with replacing(path) as unfinished:
+        unfinished.write_text(text, encoding="utf-8")
