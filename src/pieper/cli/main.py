@@ -104,7 +104,10 @@ def _run(typed: list[str]) -> int:
         warnings.simplefilter("always", PieperWarning)
         warnings.showwarning = _warnings_once()
         try:
-            return int(app(typed or ["--help"], prog_name="pieper", standalone_mode=False) or DONE)
+            code = int(app(typed or ["--help"], prog_name="pieper", standalone_mode=False) or DONE)
+            return (
+                _complain("interrupted", code) if code == INTERRUPTED else code
+            )  # typer makes it of Ctrl-C, and is silent
         except _UsageError as error:
             return _complain(_usage(error), BAD_INPUT)
         except (MissingExtraError, MissingLibraryError) as error:
