@@ -98,9 +98,8 @@ class MarkerTracker:
         Of the tracker; by default those for the unit of the view.
     adaptation : Adaptation, optional
         Follows the light.
-    area : (float, float), optional
+    area : (int, int or None), optional
         Least and greatest area of a patch [px]; by default 12 and no bound.
-    """
 
     Raises
     ------
@@ -123,7 +122,7 @@ class MarkerTracker:
         markers: Follow | Mapping[str, Follow] = "all",
         parameters: TrackerParameters | None = None,
         adaptation: Adaptation | None = None,
-        area: tuple[float, float | None] = (12.0, None),
+        area: tuple[int, int | None] = (12, None),
     ) -> None:
         self.table = colors if isinstance(colors, ColorTable) else colors.table()
         self.view: View = PixelView() if view is None else view
