@@ -179,9 +179,10 @@ def write(image: Image, at: FloatArray, text: str, color: Bgr) -> None:
     """Write a text 10 px to the right of a place, with a dark rim so that it is read on any ground."""
     cv2 = opencv("drawing over frames")
     plain = text.encode("ascii", "replace").decode()
-    corner = (_whole(at)[0] + _LABEL_RIGHT, _whole(at)[1])
-    cv2.putText(image, plain, corner, cv2.FONT_HERSHEY_SIMPLEX, _FONT, _BLACK, 2, cv2.LINE_AA)
-    cv2.putText(image, plain, corner, cv2.FONT_HERSHEY_SIMPLEX, _FONT, color, 1, cv2.LINE_AA)
+    x, y = _whole(at)
+    x += _LABEL_RIGHT
+    for dx, dy, ink in ((-1, 0, _BLACK), (1, 0, _BLACK), (0, -1, _BLACK), (0, 1, _BLACK), (0, 0, color)):
+        cv2.putText(image, plain, (x + dx, y + dy), cv2.FONT_HERSHEY_SIMPLEX, _FONT, ink, 1, cv2.LINE_AA)
 
 
 def _in_pixels(view: View, at: FloatArray, height: float, covariance: FloatArray) -> FloatArray | None:
