@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pieper.perception.frame import Image
+    from pieper.perception.yaml_file import Section
     from pieper.spatial._checks import FloatArray
 
 FLOOR = {"log-chroma": np.full(3, 0.03**2), "hsv": np.array([1.5**2, 4.0**2, 4.0**2])}
@@ -285,9 +286,7 @@ def _pool(group: Sequence[Capture], space: Space) -> tuple[FloatArray, FloatArra
     return mean, covariance
 
 
-def _background(
-    captures: Sequence[Capture], images: Mapping[int, Image], count: int, space: Space
-) -> Background:
+def _background(captures: Sequence[Capture], images: Mapping[int, Image], count: int, space: Space) -> Background:
     """What is neither in nor about a region, and is not as the colours are."""
     draw = np.random.default_rng(0)
     samples = []
@@ -357,7 +356,9 @@ def _validate(
     for name, group in zip(model.names, groups, strict=True):
         pixels = np.concatenate([c.pixels for c in group])
         counts = np.bincount(table.classify(pixels[None]).reshape(-1), minlength=len(model.names) + 1) / len(pixels)
-        confusion[name] = {other: round(float(share), 4) for other, share in zip(("none", *model.names), counts, strict=True)}
+        confusion[name] = {
+            other: round(float(share), 4) for other, share in zip(("none", *model.names), counts, strict=True)
+        }
         if len(group) > 1:
             held_out[name] = round(_held_out(model, group, space), 4)
     for i, first in enumerate(model.names):
@@ -371,9 +372,11 @@ def _validate(
                     f"are taken for {second!r}, {confusion[second][first]:.1%} the other way, and their means are "
                     f"{apart:.1f} apart (Mahalanobis, changes of light allowed for); mark them more exactly, or use fewer colours"
                 )
-    for name in model.names:
-        if confusion[name]["none"] > 0.5:
-            remarks.append(f"{confusion[name]['none']:.0%} of the pixels of {name!r} are taken for background; it looks the same")
+    remarks += [
+        f"{shares['none']:.0%} of the pixels of {name!r} are taken for background; it looks the same"
+        for name, shares in confusion.items()
+        if shares["none"] > 0.5
+    ]
     explained = {}
     for number in sorted(images):
         image = images[number]
@@ -411,6 +414,12 @@ def hsv_of(captures: Sequence[Capture]) -> tuple[FloatArray, FloatArray]:
     """Return mean and covariance of captures of one colour in HSV: within and between, with a hue that wraps."""
     means = np.array([c.hsv_mean for c in captures])
     return pooled(means, np.array([c.hsv_covariance for c in captures]), space_named("hsv"))
+
+
+def classified(image: Image, model: ColorModel) -> Image:
+    """Return a frame and, beside it, the same frame darkened, with what is of a colour in the colour it is drawn in."""
+    paint = np.array([(0, 0, 0), *model.draw], np.uint8)
+    return np.hstack([image, np.maximum(image // 4, paint[model.table().classify(image)])])
 
 
 def parse_region(text: str, color: str | None = None) -> Region:
@@ -457,16 +466,18 @@ def read_regions(path: Path) -> tuple[list[Region], dict[str, Bgr]]:
             raise colors.error(name, "must be lists of whole numbers: frame, x, y, w, h")
         regions += [Region(name, *(int(n) for n in row)) for row in rows]
     draw = {}
-    section = file.section("draw", None)
-    for name in section if section is not None else ():
+    for name, text in _texts(file.section("draw")) if "draw" in file else ():
         if name not in colors:
-            raise section.error(name, "is not among the colors")
-        text = section.text(name)
+            raise file.section("draw").error(name, "is not among the colors")
         try:
             draw[name] = draw_color(text)
         except VisionError as error:
-            raise section.error(name, str(error)) from None
+            raise file.section("draw").error(name, str(error)) from None
     return regions, draw
+
+
+def _texts(section: Section) -> list[tuple[str, str]]:
+    return [(name, section.text(name)) for name in section]
 
 
 def _regions_of_csv(path: Path) -> list[Region]:
