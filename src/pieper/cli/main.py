@@ -15,22 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pieper.cli import (
-    calibrate_camera,
-    convert,
-    fk,
-    ik,
-    info,
-    launch,
-    learn_colour,
-    plot,
-    reach,
-    render,
-    robots,
-    ros,
-    track,
-    view,
-)
+from pieper.cli import calibrate_camera, calibrate_field, convert, fk, ik, info, launch, learn_colour, plot, reach, render, robots, ros, track, view
 from pieper.cli.node import RosCommand
 from pieper.errors import MissingExtraError, MissingLibraryError, PieperError, PieperWarning
 
@@ -63,6 +48,7 @@ for _verb, _summary in {
     learn_colour: "Colours, from boxes on frames of a video.",
     calibrate_camera: "A lens, from pictures of a printed board.",
     track: "Follow coloured markers in a video or camera.",
+    calibrate_field: "Where the field lies before a camera.",
 }.items():
     _name = _verb.__name__.rpartition(".")[2]
     app.command(_name.replace("_", "-"), short_help=_summary)(getattr(_verb, _name))
