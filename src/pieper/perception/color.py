@@ -11,6 +11,7 @@ N the noise of that pixel, which is much where it is dark. A pixel has one colou
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from pieper.perception.frame import Image
     from pieper.spatial._checks import FloatArray
 
 FORMAT = "pieper colors 1"
@@ -93,10 +93,10 @@ class ColorModel:
     background : Background
     odds : float
         Of the background against each colour, for a pixel that was not looked at yet.
+    gain : (3,) array
+        Logarithm of the light of now, against that of learning, in blue, green and red. Only in log-chroma.
     shifts : (k, 3) array
-        Added to the means: where the light of now has moved the colours. Only in log-chroma.
-    background_shift : (3,) array
-        The same for the background.
+        What the light of now adds to the mean of each colour beyond that. Only in log-chroma.
     notes : mapping
         Where it comes from and how it was tested, as `learn` writes it: plain data, kept in the file.
 
@@ -128,8 +128,8 @@ class ColorModel:
     cast: float = CAST
     background: Background = field(default_factory=Background)
     odds: float = ODDS
+    gain: FloatArray = field(default_factory=lambda: np.zeros(3))
     shifts: FloatArray = field(default_factory=lambda: np.zeros(0))
-    background_shift: FloatArray = field(default_factory=lambda: np.zeros(3))
     notes: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -143,16 +143,23 @@ class ColorModel:
         object.__setattr__(self, "covariances", stack(self.covariances, (3, 3), "covariances").reshape(-1, 3, 3))
         if np.size(self.shifts) == 0:
             object.__setattr__(self, "shifts", np.zeros((k, 3)))
-        _freeze(self, "means", "covariances", "shifts", "background_shift")
+        _freeze(self, "means", "covariances", "shifts", "gain")
         for name, shape in {"means": (k, 3), "covariances": (k, 3, 3), "shifts": (k, 3)}.items():
             if getattr(self, name).shape != shape:
                 raise ArrayError(f"{name} must have shape {shape} for {k} colours, got {getattr(self, name).shape}")
         for name, covariance in zip(names, self.covariances, strict=True):
             if not _definite(covariance):
                 raise ArrayError(f"the covariance of {name!r} must be symmetric and positive definite")
-        for which, least, most in (("threshold", 0.1, 100.0), ("light", 0.0, 5.0), ("cast", 0.0, 5.0), ("odds", 0.0, 1e6)):
+        for which, least, most in (
+            ("threshold", 0.1, 100.0),
+            ("light", 0.0, 5.0),
+            ("cast", 0.0, 5.0),
+            ("odds", 0.0, 1e6),
+        ):
             if not least <= getattr(self, which) <= most:
                 raise VisionError(f"{which} must be from {least:g} to {most:g}, got {getattr(self, which)}")
+        if self.space != LogChroma.name and (self.gain.any() or self.shifts.any()):
+            raise VisionError(f"only colours in {LogChroma.name} follow the light, these are in {self.space}")
         draw = self.draw or tuple(self._middle(i) for i in range(k))
         if len(draw) != k:
             raise VisionError(f"draw must have {k} colours, one for each name, got {len(draw)}")
@@ -193,7 +200,7 @@ class ColorModel:
         pixels = _pixels(image)
         k = self.index(name)
         look = Look(space_named(self.space), pixels.reshape(-1, 3))
-        return np.sqrt(look.gaussian(self.means[k] + self.shifts[k], self.spreads[k])[0]).reshape(pixels.shape[:-1])
+        return np.sqrt(look.gaussian(self._now[k], self._spread[k])[0]).reshape(pixels.shape[:-1])
 
     def mask(self, image: NDArray[Any], name: str, threshold: float | None = None) -> NDArray[np.bool_]:
         """Return where pixels are within a distance of a colour, whatever else they may be near to.
@@ -230,8 +237,7 @@ class ColorModel:
         middle = ((np.arange(side) + 0.5) * (256 / side) - 0.5).astype(np.float32)
         density, labels = np.zeros(side**3, np.float32), np.zeros(side**3, np.uint8)
         for k in range(len(self.names)):
-            b, g, r = np.ix_(*self._near(k, middle))
-            cells = ((b * side + g) * side + r).reshape(-1)
+            cells = self._near(k, middle)
             self._claim(k, self._look(cells, middle), cells, density, labels)
         found = np.flatnonzero(labels)
         kept = labels[found]
@@ -245,28 +251,43 @@ class ColorModel:
         pixels = middle[np.stack([cells // side**2, cells // side % side, cells % side], axis=-1)]
         return Look(space_named(self.space), pixels, np.float32)
 
-    def shifted(self, shifts: ArrayLike, background_shift: ArrayLike) -> ColorModel:
-        """Return the model with its colours ``(k, 3)`` and its background ``(3,)`` moved in log-chroma from where they were learned."""
-        if self.space != LogChroma.name:
-            raise VisionError(f"only colours in {LogChroma.name} can be shifted, these are in {self.space}")
-        return replace(
-            self,
-            shifts=stack(shifts, (len(self.names), 3), "shifts"),
-            background_shift=stack(background_shift, (3,), "background_shift"),
-        )
+    def relit(self, gain: ArrayLike, shifts: ArrayLike | None = None) -> ColorModel:
+        """Return the model as it looks under another light.
 
-    @property
-    def spreads(self) -> FloatArray:
+        Parameters
+        ----------
+        gain : (3,) array
+            Logarithm of the light in blue, green and red, against that of learning.
+        shifts : (k, 3) array, optional
+            Added to the mean of each colour after that.
+
+        Raises
+        ------
+        VisionError
+            The model is not in log-chroma.
+        """
+        moved = np.zeros((len(self.names), 3)) if shifts is None else stack(shifts, (len(self.names), 3), "shifts")
+        return replace(self, gain=stack(gain, (3,), "gain"), shifts=moved)
+
+    @cached_property
+    def _now(self) -> FloatArray:
+        """Means under the light of now."""
+        return self._lit(self.means) + self.shifts
+
+    @cached_property
+    def _spread(self) -> FloatArray:
         """Covariances with what the light may add, without the noise of a pixel, ``(k, 3, 3)``."""
         space = space_named(self.space)
-        light = [space.spread(mean, self.light, self.cast) for mean in self.means]
-        return self.covariances + np.array(light)
+        return self.covariances + np.array([space.spread(mean, self.light, self.cast) for mean in self._now])
+
+    def _lit(self, x: FloatArray) -> FloatArray:
+        return LogChroma().lit(x, self.gain) if self.gain.any() else x
 
     def separation(self, first: str, second: str) -> float:
         """Return the Mahalanobis distance between the means of two colours, with the mean of their spreads."""
         i, j = self.index(first), self.index(second)
-        away = space_named(self.space).minus(self.means[i].copy(), self.means[j])
-        return float(np.sqrt(away @ np.linalg.solve((self.spreads[i] + self.spreads[j]) / 2, away)))
+        away = space_named(self.space).minus(self._now[i].copy(), self._now[j])
+        return float(np.sqrt(away @ np.linalg.solve((self._spread[i] + self._spread[j]) / 2, away)))
 
     def save(self, path: str | Path) -> None:
         """Write the model as YAML."""
@@ -279,15 +300,13 @@ class ColorModel:
             "cast": self.cast,
             "odds": self.odds,
             "colors": {
-                name: {"draw": _hex(draw), "mean": mean, "covariance": covariance}
-                for name, draw, mean, covariance in zip(
-                    self.names, self.draw, (self.means + self.shifts).tolist(), self.covariances.tolist(), strict=True
-                )
+                name: {"draw": _hex(draw), "mean": _short(mean), "covariance": _short(covariance)}
+                for name, draw, mean, covariance in zip(self.names, self.draw, self._now, self.covariances, strict=True)
             },
             "background": {
-                "weights": self.background.weights,
-                "means": self.background.means + self.background_shift,
-                "covariances": self.background.covariances,
+                "weights": _short(self.background.weights),
+                "means": _short(self._lit(self.background.means)),
+                "covariances": _short(self.background.covariances),
             },
             **self.notes,
         }
@@ -320,14 +339,12 @@ class ColorModel:
         b, g, r = np.clip(np.exp(np.minimum(self.means[k], 9.0)) - OFFSET, 0, 255).round().astype(int).tolist()
         return b, g, r
 
-    def _claim(
-        self, k: int, look: Look, cells: NDArray[Any], density: NDArray[Any], labels: NDArray[np.uint8]
-    ) -> None:
+    def _claim(self, k: int, look: Look, cells: NDArray[Any], density: NDArray[Any], labels: NDArray[np.uint8]) -> None:
         """Give the label of colour k to those of the cells, which look so, that are likelier of it than of those before."""
-        squared, det = look.gaussian(self.means[k] + self.shifts[k], self.spreads[k])
+        squared, det = look.gaussian(self._now[k], self._spread[k])
         takes = (squared <= self.threshold**2) & (look.brightest >= DARKEST)
         if self.space == LogChroma.name:
-            high = np.exp((self.means[k] + self.shifts[k]).max()) - OFFSET
+            high = np.exp(self._now[k].max()) - OFFSET
             takes &= (look.brightest > high / DIMMER) & (look.brightest < high * BRIGHTER)
         rows = np.flatnonzero(takes)
         height = np.exp(-0.5 * squared[rows]) / np.sqrt(det[rows])
@@ -339,20 +356,26 @@ class ColorModel:
         """Take labels away where the background is likelier."""
         ground = self.background
         total = np.zeros(len(labels), look.x.dtype)
-        for weight, mean, covariance in zip(ground.weights, ground.means, ground.covariances, strict=True):
-            at = mean + self.background_shift
-            squared, det = look.gaussian(at, covariance + look.space.spread(at, self.light, self.cast))
+        for weight, mean, covariance in zip(ground.weights, self._lit(ground.means), ground.covariances, strict=True):
+            squared, det = look.gaussian(mean, covariance + look.space.spread(mean, self.light, self.cast))
             total += self.odds * weight * np.exp(-0.5 * squared) / np.sqrt(det)
         labels[total > density] = 0
 
-    def _near(self, k: int, middle: FloatArray) -> list[NDArray[Any]]:
-        """Cells along each channel outside of which no distance can be within the threshold: d^2 >= (x_i - m_i)^2 / C_ii."""
+    def _near(self, k: int, middle: NDArray[Any]) -> NDArray[Any]:
+        """Cells that may be within the threshold: by any two channels alone, whose distance is never more than that by all three."""
+        side = len(middle)
         if self.space != LogChroma.name:
-            return [np.arange(len(middle))] * 3
+            return np.arange(side**3)
         space = space_named(self.space)
-        x = space.of(middle)[:, None] - self.means[k] - self.shifts[k]
-        room = self.threshold**2 * (np.diagonal(self.spreads[k]) + space.noise(middle)[:, None])
-        return [np.flatnonzero(inside) for inside in (x**2 <= room).T]
+        x = space.of(middle)[:, None] - self._now[k]
+        variance = np.diagonal(self._spread[k]) + space.noise(middle)[:, None]
+        pairs = []
+        for i, j in ((0, 1), (1, 2), (0, 2)):
+            u, v, a, d = x[:, i, None], x[None, :, j], variance[:, i, None], variance[None, :, j]
+            b = self._spread[k][i, j]
+            pairs.append(u * u * d - 2 * u * v * b + v * v * a <= self.threshold**2 * (a * d - b * b))
+        blue_green, green_red, blue_red = pairs
+        return np.flatnonzero(blue_green[:, :, None] & green_red[None] & blue_red[:, None])
 
 
 class Look:
@@ -370,12 +393,17 @@ class Look:
     def __init__(self, space: Space, pixels: NDArray[Any], dtype: type = np.float64) -> None:
         self.space = space
         self.brightest: NDArray[Any] = np.maximum(np.maximum(pixels[:, 0], pixels[:, 1]), pixels[:, 2])
-        self.x: NDArray[Any] = space.of(pixels).astype(dtype)
+        self.x: NDArray[Any] = np.asfortranarray(space.of(pixels), dtype=dtype)  # by columns, as they are used
         self.noise: NDArray[Any] = np.ascontiguousarray(space.noise(pixels).T, dtype=dtype)
 
     def __getitem__(self, rows: NDArray[Any]) -> Look:
         part = object.__new__(Look)
-        part.space, part.brightest, part.x, part.noise = self.space, self.brightest[rows], self.x[rows], self.noise[:, rows]
+        part.space, part.brightest, part.x, part.noise = (
+            self.space,
+            self.brightest[rows],
+            self.x[rows],
+            self.noise[:, rows],
+        )
         return part
 
     def gaussian(self, mean: FloatArray, covariance: FloatArray) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -504,6 +532,11 @@ def default_draw(name: str) -> Bgr | None:
     return _KNOWN.get(first)
 
 
+def _short(array: FloatArray) -> list[Any]:
+    """Numbers with as many digits as they are known to, so that people can read them."""
+    return [_short(row) if row.ndim else float(f"{row:.7g}") for row in np.asarray(array)]
+
+
 def _hex(bgr: Sequence[int]) -> str:
     b, g, r = bgr
     return f"#{r:02x}{g:02x}{b:02x}"
@@ -519,7 +552,9 @@ def _from_hsv(hsv: FloatArray) -> Bgr:
 def _pixels(image: NDArray[Any]) -> NDArray[Any]:
     pixels = np.asarray(image)
     if pixels.ndim < 1 or pixels.shape[-1] != 3 or pixels.dtype.kind not in "uif":
-        raise ArrayError(f"image must have shape (..., 3), blue green red from 0 to 255, got {pixels.shape} {pixels.dtype}")
+        raise ArrayError(
+            f"image must have shape (..., 3), blue green red from 0 to 255, got {pixels.shape} {pixels.dtype}"
+        )
     if pixels.dtype != np.uint8:
         if pixels.size and not (pixels.min() >= 0 and pixels.max() <= 255):
             raise ArrayError("image must be blue, green, red from 0 to 255; scale 16-bit images down first")
