@@ -68,10 +68,6 @@ class DhError(DescriptionError):
     """Denavit-Hartenberg rows are malformed."""
 
 
-class VisionError(PieperError, ValueError):
-    """A video, colour model, calibration or pattern is malformed, or does not suffice."""
-
-
 class MissingExtraError(PieperError, ImportError):
     """A package of an optional extra is not installed; the message says which extra to install."""
 

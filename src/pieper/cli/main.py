@@ -28,6 +28,7 @@ from pieper.cli import (
     render,
     robots,
     ros,
+    track,
     view,
 )
 from pieper.cli.node import RosCommand
@@ -61,6 +62,7 @@ for _verb, _summary in {
     convert: "Write an arm as DH rows, screws, URDF, formulas.",
     learn_colour: "Colours, from boxes on frames of a video.",
     calibrate_camera: "A lens, from pictures of a printed board.",
+    track: "Follow coloured markers in a video or camera.",
 }.items():
     _name = _verb.__name__.rpartition(".")[2]
     app.command(_name.replace("_", "-"), short_help=_summary)(getattr(_verb, _name))

@@ -331,12 +331,18 @@ class VideoFile:
         Ends in ``.mp4`` or ``.avi``.
     fps : float
         Frames per second; one rate for the whole video.
+
+    Attributes
+    ----------
+    path : Path
+    frames : int
+        Written so far.
     """
 
     def __init__(self, path: str | os.PathLike[str], *, fps: float) -> None:
         opencv("writing a video")
-        self._path, self._fps = video_path(path), fps
-        self._unfinished = _beside(self._path)
+        self.path, self._fps = video_path(path), fps
+        self._unfinished = _beside(self.path)
         self._writer: Any = None
         self.frames = 0
 
@@ -350,14 +356,12 @@ class VideoFile:
         """
         cv2 = opencv("writing a video")
         if self._writer is None:
-            code = cv2.VideoWriter_fourcc(*("mp4v" if self._path.suffix.lower() == ".mp4" else "MJPG"))
+            code = cv2.VideoWriter_fourcc(*("mp4v" if self.path.suffix.lower() == ".mp4" else "MJPG"))
             size = (image.shape[1], image.shape[0])
             self._writer = cv2.VideoWriter(str(self._unfinished), cv2.CAP_FFMPEG, code, self._fps, size)
             if not self._writer.isOpened():
                 self._unfinished.unlink(missing_ok=True)
-                raise VisionError(
-                    f"{self._path}: a video of {size[0]} x {size[1]} at {self._fps:g}/s cannot be written"
-                )
+                raise VisionError(f"{self.path}: a video of {size[0]} x {size[1]} at {self._fps:g}/s cannot be written")
         self._writer.write(image)
         self.frames += 1
 
@@ -368,7 +372,7 @@ class VideoFile:
         try:
             self._writer.release()
             self._writer = None
-            self._unfinished.replace(self._path)
+            self._unfinished.replace(self.path)
         finally:
             self._unfinished.unlink(missing_ok=True)
 
