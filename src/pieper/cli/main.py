@@ -18,6 +18,7 @@ import typer
 from pieper.cli import (
     calibrate_camera,
     convert,
+    evaluate,
     fk,
     ik,
     info,
@@ -28,6 +29,7 @@ from pieper.cli import (
     render,
     robots,
     ros,
+    synthesize,
     track,
     view,
 )
@@ -63,6 +65,8 @@ for _verb, _summary in {
     learn_colour: "Colours, from boxes on frames of a video.",
     calibrate_camera: "A lens, from pictures of a printed board.",
     track: "Follow coloured markers in a video or camera.",
+    synthesize: "A film of robots with markers, with exact truth.",
+    evaluate: "Tracks against the truth.",
 }.items():
     _name = _verb.__name__.rpartition(".")[2]
     app.command(_name.replace("_", "-"), short_help=_summary)(getattr(_verb, _name))
