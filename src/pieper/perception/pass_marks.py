@@ -302,10 +302,27 @@ def _centres(quick: bool) -> list[Mark]:
     return marks
 
 
-def follow(
-    scene: Scene, *, adapt: bool = False, model: ColorModel | None = None
-) -> tuple[Evaluation, list[Truth], Any]:
-    """Track a scene with what is learnt from its first light; return its figures, the truth, and the tracks."""
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """A scene that was tracked.
+
+    Attributes
+    ----------
+    result : Evaluation
+    truths : list of Truth
+    tracks : TrackFile
+    detected : float
+        Share of the robots and balls in view that were sighted in their frame, by the right name, each frame by itself.
+    """
+
+    result: Evaluation
+    truths: list[Truth]
+    tracks: TrackFile
+    detected: float
+
+
+def follow(scene: Scene, *, adapt: bool = False, model: ColorModel | None = None) -> Followed:
+    """Track a scene with what is learnt in its first light."""
     colors = model or learned(scene)
     tracker = MarkerTracker(
         colors, view=scene.view, patterns=Patterns.of_scene(scene), adaptation=_adaptation(colors) if adapt else None
@@ -366,25 +383,9 @@ def _light(quick: bool) -> list[Mark]:
         patches = theirs.find(frame.image)
         colors = {m.color for m in truth.objects[0].markers if _hit(patches, m.color, m.image)}
         found.append({"red", "blue"} <= colors)
-    share = seen_share(result)
-    details = {"scene": scene.name, "without_adaptation": seen_share(plain), **result.as_data()}
-    return [
-        Mark(
-            "light 1 to 0.4, cast 15 %: detected",
-            "share",
-            share,
-            0.99,
-            at_least=True,
-            report=float(np.mean(found)),
-            details=details,
-        )
-    ]
-
-
-def seen_share(result: Evaluation) -> float:
-    """Share of the things that were measured, not predicted, in their frame."""
-    things = result.clear.found + result.clear.missed
-    return result.position.count / things
+    details = {"scene": scene.name, "without_adaptation": plain.detected, **ours.result.as_data()}
+    what, report = "light 1 to 0.4, cast 15 %: detected", float(np.mean(found))
+    return [Mark(what, "share", ours.detected, 0.99, at_least=True, report=report, details=details)]
 
 
 def _hit(patches: Sequence[Any], color: str, image: Any) -> bool:
