@@ -147,6 +147,7 @@ class _Track:
     seen: float
     heading: bool
     hits: int = 1
+    frames: int = 1
     misses: int = 0
     confirmed: bool = False
     sighting: int = -1
@@ -381,6 +382,7 @@ class Tracker:
             track.misses = 0
             track.heading |= bool(seen.heading[j])
         for track in self._tracks:
+            track.frames += 1
             track.misses += track.sighting < 0
 
     def _name(self, matches: list[tuple[int, int]], seen: _Measured) -> None:
@@ -422,19 +424,23 @@ class Tracker:
         holders = {t.name: i for i, t in enumerate(self._tracks) if t.confirmed and t.unique and t.hits > 0}
         keep = np.ones(len(self._tracks), dtype=bool)
         for i, track in enumerate(self._tracks):
-            old_enough = track.sighting >= 0 and (track.hits >= 2 or p.confirm == 0) and time - track.born >= p.confirm - _ROUNDING
-            if not (track.confirmed or old_enough):
+            if not (track.confirmed or self._is_sure(track, time)):
                 continue
             holder = holders.get(track.name, i) if track.unique else i
             if holder == i:
                 track.confirmed = True
                 holders.setdefault(track.name, i)
-            elif track.sighting >= 0 and self._tracks[holder].sighting < 0 and keep[holder]:
+            elif track.sighting >= 0 and self._tracks[holder].seen < track.born and keep[holder]:
                 self._move(i, holder)
                 keep[i] = False
             elif track.confirmed:
                 track.name = None  # the name is taken, and its holder is seen
         self._keep(keep)
+
+    def _is_sure(self, track: _Track, time: float) -> bool:
+        """Whether a new track is old enough, and seen now and in half of its frames."""
+        old = time - track.born >= self.parameters.confirm - _ROUNDING
+        return old and track.sighting >= 0 and 2 * track.hits >= track.frames and (track.hits > 1 or self.parameters.confirm == 0)
 
     def _move(self, source: int, target: int) -> None:
         """Let the state of one track be that of another, which keeps its number and age."""
