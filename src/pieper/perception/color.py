@@ -11,13 +11,14 @@ N the noise of that pixel, which is much where it is dark. A pixel has one colou
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.stats import chi2
 
 from pieper.errors import ArrayError, VisionError, unknown_name
-from pieper.perception.color_space import LogChroma, Space, space_named
+from pieper.perception.color_space import OFFSET, LogChroma, Space, space_named
 from pieper.perception.color_table import BITS, ColorTable
 from pieper.perception.yaml_file import Section, read_yaml, write_yaml
 from pieper.spatial._checks import stack
@@ -28,12 +29,14 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from pieper.perception.frame import Image
     from pieper.spatial._checks import FloatArray
 
 FORMAT = "pieper colors 1"
 THRESHOLD = 4.0
 """Mahalanobis distance: 99.9 % of the pixels of a Gaussian colour lie within it."""
+
+ODDS = 10.0
+"""How much likelier a pixel is of the background than of a colour, before it is looked at; markers are far fewer pixels than that."""
 
 LIGHT, CAST = 0.35, 0.06
 """Standard deviations of the light and of its colour, as logarithms: the light may halve at two of them, a channel change by a ninth."""
@@ -41,8 +44,8 @@ LIGHT, CAST = 0.35, 0.06
 DARKEST = 24
 """The brightest channel of a pixel that can have a colour [grey levels]."""
 
-DIMMER, BRIGHTER = np.log(6.0), np.log(3.0)
-"""How far a pixel may be from the brightness of its colour, whatever its distance."""
+DIMMER, BRIGHTER = 6.0, 3.0
+"""How much the brightest channel of a pixel may be below and above that of its colour, whatever the distance."""
 
 _FEWEST_EIGENVALUE = 1e-12
 
@@ -88,10 +91,12 @@ class ColorModel:
     light, cast : float
         Standard deviations of the light, and of its colour, that a colour may be seen under [logarithm].
     background : Background
+    odds : float
+        Of the background against each colour, for a pixel that was not looked at yet.
+    gain : (3,) array
+        Logarithm of the light of now, against that of learning, in blue, green and red. Only in log-chroma.
     shifts : (k, 3) array
-        Added to the means: where the light of now has moved the colours. Only in log-chroma.
-    background_shift : (3,) array
-        The same for the background.
+        What the light of now adds to the mean of each colour beyond that. Only in log-chroma.
     notes : mapping
         Where it comes from and how it was tested, as `learn` writes it: plain data, kept in the file.
 
@@ -105,7 +110,7 @@ class ColorModel:
     Examples
     --------
     >>> spread = 0.01 * np.eye(3)
-    >>> model = ColorModel(("red", "blue"), np.log([[31, 31, 221], [221, 61, 31]]), [spread, spread])
+    >>> model = ColorModel(("red", "blue"), np.log([[46, 46, 236], [236, 76, 46]]), [spread, spread])
     >>> picture = np.array([[[30, 30, 220], [12, 12, 88], [220, 60, 30], [90, 90, 90]]], np.uint8)
     >>> model.classify(picture)  # the second is the first at 0.4 of the light
     array([[1, 1, 2, 0]], dtype=uint8)
@@ -122,8 +127,9 @@ class ColorModel:
     light: float = LIGHT
     cast: float = CAST
     background: Background = field(default_factory=Background)
+    odds: float = ODDS
+    gain: FloatArray = field(default_factory=lambda: np.zeros(3))
     shifts: FloatArray = field(default_factory=lambda: np.zeros(0))
-    background_shift: FloatArray = field(default_factory=lambda: np.zeros(3))
     notes: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -137,16 +143,23 @@ class ColorModel:
         object.__setattr__(self, "covariances", stack(self.covariances, (3, 3), "covariances").reshape(-1, 3, 3))
         if np.size(self.shifts) == 0:
             object.__setattr__(self, "shifts", np.zeros((k, 3)))
-        _freeze(self, "means", "covariances", "shifts", "background_shift")
+        _freeze(self, "means", "covariances", "shifts", "gain")
         for name, shape in {"means": (k, 3), "covariances": (k, 3, 3), "shifts": (k, 3)}.items():
             if getattr(self, name).shape != shape:
                 raise ArrayError(f"{name} must have shape {shape} for {k} colours, got {getattr(self, name).shape}")
         for name, covariance in zip(names, self.covariances, strict=True):
             if not _definite(covariance):
                 raise ArrayError(f"the covariance of {name!r} must be symmetric and positive definite")
-        for which, least, most in (("threshold", 0.1, 100.0), ("light", 0.0, 5.0), ("cast", 0.0, 5.0)):
+        for which, least, most in (
+            ("threshold", 0.1, 100.0),
+            ("light", 0.0, 5.0),
+            ("cast", 0.0, 5.0),
+            ("odds", 0.0, 1e6),
+        ):
             if not least <= getattr(self, which) <= most:
                 raise VisionError(f"{which} must be from {least:g} to {most:g}, got {getattr(self, which)}")
+        if self.space != LogChroma.name and (self.gain.any() or self.shifts.any()):
+            raise VisionError(f"only colours in {LogChroma.name} follow the light, these are in {self.space}")
         draw = self.draw or tuple(self._middle(i) for i in range(k))
         if len(draw) != k:
             raise VisionError(f"draw must have {k} colours, one for each name, got {len(draw)}")
@@ -185,7 +198,9 @@ class ColorModel:
             d, not its square.
         """
         pixels = _pixels(image)
-        return np.sqrt(self._gaussian(pixels.reshape(-1, 3), self.index(name))[0]).reshape(pixels.shape[:-1])
+        k = self.index(name)
+        look = Look(space_named(self.space), pixels.reshape(-1, 3))
+        return np.sqrt(look.gaussian(self._now[k], self._spread[k])[0]).reshape(pixels.shape[:-1])
 
     def mask(self, image: NDArray[Any], name: str, threshold: float | None = None) -> NDArray[np.bool_]:
         """Return where pixels are within a distance of a colour, whatever else they may be near to.
@@ -209,52 +224,70 @@ class ColorModel:
     def classify(self, image: NDArray[Any]) -> NDArray[np.uint8]:
         """Return the label of each pixel ``(...)``: 0 none, 1 the first colour, ...; `table` is the fast way."""
         pixels = _pixels(image)
-        flat = pixels.reshape(-1, 3)
-        density, labels = np.full(len(flat), -np.inf), np.zeros(len(flat), np.uint8)
+        look = Look(space_named(self.space), pixels.reshape(-1, 3))
+        density, labels = np.zeros(len(look.x)), np.zeros(len(look.x), np.uint8)
         for k in range(len(self.names)):
-            self._claim(k, flat, np.arange(len(flat)), density, labels)
-        self._leave_background(flat, density, labels)
+            self._claim(k, look, np.arange(len(labels)), density, labels)
+        self._leave_background(look, density, labels)
         return labels.reshape(pixels.shape[:-1])
 
     def table(self, bits: int = BITS) -> ColorTable:
         """Return the model as a table over all pixels, one colour at most for each cell, as at the middle of the cell."""
         side = 1 << bits
-        middle = (np.arange(side) + 0.5) * (256 / side) - 0.5
-        density, labels = np.full(side**3, -np.inf), np.zeros(side**3, np.uint8)
+        middle = ((np.arange(side) + 0.5) * (256 / side) - 0.5).astype(np.float32)
+        density, labels = np.zeros(side**3, np.float32), np.zeros(side**3, np.uint8)
         for k in range(len(self.names)):
-            b, g, r = np.ix_(*self._near(k, middle))
-            cells = ((b * side + g) * side + r).reshape(-1)
-            pixels = np.stack(np.broadcast_arrays(middle[b], middle[g], middle[r]), axis=-1).reshape(-1, 3)
-            self._claim(k, pixels, cells, density, labels)
+            cells = self._near(k, middle)
+            self._claim(k, self._look(cells, middle), cells, density, labels)
         found = np.flatnonzero(labels)
-        pixels = middle[np.stack([found // side**2, found // side % side, found % side], axis=-1)]
         kept = labels[found]
-        self._leave_background(pixels, density[found], kept)
+        if self.background.weights.size:
+            self._leave_background(self._look(found, middle), density[found], kept)
         labels[found] = kept
         return ColorTable(self.names, labels.reshape(side, side, side))
 
-    def shifted(self, shifts: ArrayLike, background_shift: ArrayLike) -> ColorModel:
-        """Return the model with its colours ``(k, 3)`` and its background ``(3,)`` moved in log-chroma from where they were learned."""
-        if self.space != LogChroma.name:
-            raise VisionError(f"only colours in {LogChroma.name} can be shifted, these are in {self.space}")
-        return replace(
-            self,
-            shifts=stack(shifts, (len(self.names), 3), "shifts"),
-            background_shift=stack(background_shift, (3,), "background_shift"),
-        )
+    def _look(self, cells: NDArray[Any], middle: NDArray[Any]) -> Look:
+        side = len(middle)
+        pixels = middle[np.stack([cells // side**2, cells // side % side, cells % side], axis=-1)]
+        return Look(space_named(self.space), pixels, np.float32)
 
-    @property
-    def spreads(self) -> FloatArray:
+    def relit(self, gain: ArrayLike, shifts: ArrayLike | None = None) -> ColorModel:
+        """Return the model as it looks under another light.
+
+        Parameters
+        ----------
+        gain : (3,) array
+            Logarithm of the light in blue, green and red, against that of learning.
+        shifts : (k, 3) array, optional
+            Added to the mean of each colour after that.
+
+        Raises
+        ------
+        VisionError
+            The model is not in log-chroma.
+        """
+        moved = np.zeros((len(self.names), 3)) if shifts is None else stack(shifts, (len(self.names), 3), "shifts")
+        return replace(self, gain=stack(gain, (3,), "gain"), shifts=moved)
+
+    @cached_property
+    def _now(self) -> FloatArray:
+        """Means under the light of now."""
+        return self._lit(self.means) + self.shifts
+
+    @cached_property
+    def _spread(self) -> FloatArray:
         """Covariances with what the light may add, without the noise of a pixel, ``(k, 3, 3)``."""
         space = space_named(self.space)
-        light = [space.spread(mean, self.light, self.cast) for mean in self.means]
-        return self.covariances + np.array(light)
+        return self.covariances + np.array([space.spread(mean, self.light, self.cast) for mean in self._now])
+
+    def _lit(self, x: FloatArray) -> FloatArray:
+        return LogChroma().lit(x, self.gain) if self.gain.any() else x
 
     def separation(self, first: str, second: str) -> float:
         """Return the Mahalanobis distance between the means of two colours, with the mean of their spreads."""
         i, j = self.index(first), self.index(second)
-        away = space_named(self.space).minus(self.means[i].copy(), self.means[j])
-        return float(np.sqrt(away @ np.linalg.solve((self.spreads[i] + self.spreads[j]) / 2, away)))
+        away = space_named(self.space).minus(self._now[i].copy(), self._now[j])
+        return float(np.sqrt(away @ np.linalg.solve((self._spread[i] + self._spread[j]) / 2, away)))
 
     def save(self, path: str | Path) -> None:
         """Write the model as YAML."""
@@ -265,23 +298,22 @@ class ColorModel:
             "share_inside": round(self.share_inside, 5),
             "light": self.light,
             "cast": self.cast,
+            "odds": self.odds,
             "colors": {
-                name: {"draw": _hex(draw), "mean": mean, "covariance": covariance}
-                for name, draw, mean, covariance in zip(
-                    self.names, self.draw, (self.means + self.shifts).tolist(), self.covariances.tolist(), strict=True
-                )
+                name: {"draw": _hex(draw), "mean": _short(mean), "covariance": _short(covariance)}
+                for name, draw, mean, covariance in zip(self.names, self.draw, self._now, self.covariances, strict=True)
             },
             "background": {
-                "weights": self.background.weights,
-                "means": self.background.means + self.background_shift,
-                "covariances": self.background.covariances,
+                "weights": _short(self.background.weights),
+                "means": _short(self._lit(self.background.means)),
+                "covariances": _short(self.background.covariances),
             },
             **self.notes,
         }
         comment = (
             "Colours as pixels of a video, for `pieper track --colors`.\n"
             "threshold: Mahalanobis distance d (not squared); share_inside: share of a colour's own pixels within it.\n"
-            "Means are of log(blue + 1), log(green + 1), log(red + 1)."
+            "Means are of log(blue + 16), log(green + 16), log(red + 16)."
             if self.space == LogChroma.name
             else "Colours as pixels of a video, for `pieper track --colors`.\nMeans are of hue [0, 180), saturation, value."
         )
@@ -304,78 +336,87 @@ class ColorModel:
 
         if self.space == Hsv.name:
             return _from_hsv(self.means[k])
-        b, g, r = np.clip(np.exp(np.minimum(self.means[k], 9.0)) - 1.0, 0, 255).round().astype(int).tolist()
+        b, g, r = np.clip(np.exp(np.minimum(self.means[k], 9.0)) - OFFSET, 0, 255).round().astype(int).tolist()
         return b, g, r
 
-    def _gaussian(
-        self, pixels: NDArray[Any], k: int, *, learned_light: bool = False
-    ) -> tuple[FloatArray, FloatArray]:
-        """Squared distance and logarithm of the determinant of the covariance, of pixels ``(n, 3)``."""
-        space = space_named(self.space)
-        covariance = self.covariances[k] if learned_light else self.spreads[k]
-        return gaussian(space, pixels, self.means[k] + self.shifts[k], covariance)
-
-    def _claim(
-        self, k: int, pixels: NDArray[Any], cells: NDArray[Any], density: FloatArray, labels: NDArray[np.uint8]
-    ) -> None:
-        """Give the label of colour k to those of the cells, whose pixels these are, that are nearer to it than to those before."""
-        squared, logdet = self._gaussian(pixels, k)
-        height = -0.5 * (squared + logdet)
-        takes = (squared <= self.threshold**2) & (height > density[cells]) & (pixels.max(axis=-1) >= DARKEST)
+    def _claim(self, k: int, look: Look, cells: NDArray[Any], density: NDArray[Any], labels: NDArray[np.uint8]) -> None:
+        """Give the label of colour k to those of the cells, which look so, that are likelier of it than of those before."""
+        squared, det = look.gaussian(self._now[k], self._spread[k])
+        takes = (squared <= self.threshold**2) & (look.brightest >= DARKEST)
         if self.space == LogChroma.name:
-            brightness = (np.log(pixels + 1.0) - self.means[k] - self.shifts[k]).mean(axis=-1)
-            takes &= (brightness > -DIMMER) & (brightness < BRIGHTER)
-        density[cells[takes]] = height[takes]
-        labels[cells[takes]] = k + 1
+            high = np.exp(self._now[k].max()) - OFFSET
+            takes &= (look.brightest > high / DIMMER) & (look.brightest < high * BRIGHTER)
+        rows = np.flatnonzero(takes)
+        height = np.exp(-0.5 * squared[rows]) / np.sqrt(det[rows])
+        likelier = height > density[cells[rows]]
+        density[cells[rows[likelier]]] = height[likelier]
+        labels[cells[rows[likelier]]] = k + 1
 
-    def _leave_background(self, pixels: NDArray[Any], density: FloatArray, labels: NDArray[np.uint8]) -> None:
+    def _leave_background(self, look: Look, density: NDArray[Any], labels: NDArray[np.uint8]) -> None:
         """Take labels away where the background is likelier."""
         ground = self.background
-        rows = np.flatnonzero(labels)
-        if not ground.weights.size or not rows.size:
-            return
-        space = space_named(self.space)
-        near = pixels[rows]
-        total = np.full(len(rows), -np.inf)
-        for weight, mean, covariance in zip(ground.weights, ground.means, ground.covariances, strict=True):
-            at = mean + self.background_shift
-            squared, logdet = gaussian(space, near, at, covariance + space.spread(at, self.light, self.cast))
-            total = np.logaddexp(total, np.log(weight) - 0.5 * (squared + logdet))
-        labels[rows[total > density[rows]]] = 0
+        total = np.zeros(len(labels), look.x.dtype)
+        for weight, mean, covariance in zip(ground.weights, self._lit(ground.means), ground.covariances, strict=True):
+            squared, det = look.gaussian(mean, covariance + look.space.spread(mean, self.light, self.cast))
+            total += self.odds * weight * np.exp(-0.5 * squared) / np.sqrt(det)
+        labels[total > density] = 0
 
-    def _near(self, k: int, middle: FloatArray) -> list[NDArray[Any]]:
-        """Cells along each channel outside of which no distance can be within the threshold: d^2 >= (x_i - m_i)^2 / C_ii."""
+    def _near(self, k: int, middle: NDArray[Any]) -> NDArray[Any]:
+        """Cells that may be within the threshold: by any two channels alone, whose distance is never more than that by all three."""
+        side = len(middle)
         if self.space != LogChroma.name:
-            return [np.arange(len(middle))] * 3
+            return np.arange(side**3)
         space = space_named(self.space)
-        x = np.log(middle + 1.0)[:, None] - self.means[k] - self.shifts[k]
-        room = self.threshold**2 * (np.diagonal(self.spreads[k]) + space.noise(middle)[:, None])
-        return [np.flatnonzero(inside) for inside in (x**2 <= room).T]
+        x = space.of(middle)[:, None] - self._now[k]
+        variance = np.diagonal(self._spread[k]) + space.noise(middle)[:, None]
+        pairs = []
+        for i, j in ((0, 1), (1, 2), (0, 2)):
+            u, v, a, d = x[:, i, None], x[None, :, j], variance[:, i, None], variance[None, :, j]
+            b = self._spread[k][i, j]
+            pairs.append(u * u * d - 2 * u * v * b + v * v * a <= self.threshold**2 * (a * d - b * b))
+        blue_green, green_red, blue_red = pairs
+        return np.flatnonzero(blue_green[:, :, None] & green_red[None] & blue_red[:, None])
 
 
-def gaussian(space: Space, pixels: NDArray[Any], mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return squared Mahalanobis distances and logarithms of determinants, with the noise of each pixel in its covariance.
+class Look:
+    """Pixels in a space, with the noise that each has there.
 
     Parameters
     ----------
     space : Space
     pixels : (n, 3) array
         Blue, green, red.
-    mean, covariance : (3,) and (3, 3) arrays
-
-    Returns
-    -------
-    (n,) and (n,) arrays
+    dtype : type
+        In which it is computed; half as many bits do for a table.
     """
-    x, y, z = space.minus(space.of(pixels), mean).T
-    noise = space.noise(pixels)
-    # The inverse of [a b c; b d e; c e f] by its adjugate, for all pixels at once.
-    a, d, f = (covariance[i, i] + noise[:, i] for i in range(3))
-    b, c, e = covariance[0, 1], covariance[0, 2], covariance[1, 2]
-    A, B, C, D, E, F = d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b
-    det = np.maximum(a * A + b * B + c * C, 1e-30)
-    squared = (x * x * A + y * y * D + z * z * F + 2 * (x * y * B + x * z * C + y * z * E)) / det
-    return np.maximum(squared, 0.0), np.log(det)
+
+    def __init__(self, space: Space, pixels: NDArray[Any], dtype: type = np.float64) -> None:
+        self.space = space
+        self.brightest: NDArray[Any] = np.maximum(np.maximum(pixels[:, 0], pixels[:, 1]), pixels[:, 2])
+        self.x: NDArray[Any] = np.asfortranarray(space.of(pixels), dtype=dtype)  # by columns, as they are used
+        self.noise: NDArray[Any] = np.ascontiguousarray(space.noise(pixels).T, dtype=dtype)
+
+    def __getitem__(self, rows: NDArray[Any]) -> Look:
+        part = object.__new__(Look)
+        part.space, part.brightest, part.x, part.noise = (
+            self.space,
+            self.brightest[rows],
+            self.x[rows],
+            self.noise[:, rows],
+        )
+        return part
+
+    def gaussian(self, mean: FloatArray, covariance: FloatArray) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return squared Mahalanobis distances and determinants, ``(n,)`` each, with the noise of each pixel in its covariance."""
+        kind = self.x.dtype.type
+        x, y, z = np.ascontiguousarray(self.space.minus(self.x, mean.astype(kind)).T)
+        # The inverse of [a b c; b d e; c e f] by its adjugate, for all pixels at once.
+        a, d, f = (n + kind(covariance[i, i]) for i, n in enumerate(self.noise))
+        b, c, e = (kind(covariance[i, j]) for i, j in ((0, 1), (0, 2), (1, 2)))
+        A, B, C, D, E, F = d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b
+        det = np.maximum(a * A + b * B + c * C, kind(1e-30))
+        squared = (x * (x * A + 2 * (y * B + z * C)) + y * (y * D + 2 * z * E) + z * z * F) / det
+        return np.maximum(squared, kind(0.0)), det
 
 
 def _from_yaml(file: Section) -> ColorModel:
@@ -405,6 +446,7 @@ def _from_yaml(file: Section) -> ColorModel:
         light=file.number("light", LIGHT, least=0.0, most=5.0),
         cast=file.number("cast", CAST, least=0.0, most=5.0),
         background=_background(file.section("background", None)),
+        odds=file.number("odds", ODDS, least=0.0, most=1e6),
         notes=file.plain("regions", "learned", "validation"),
     )
     return replace(model, draw=tuple(draw[i] or model.draw[i] for i in range(k)))
@@ -490,6 +532,11 @@ def default_draw(name: str) -> Bgr | None:
     return _KNOWN.get(first)
 
 
+def _short(array: FloatArray) -> list[Any]:
+    """Numbers with as many digits as they are known to, so that people can read them."""
+    return [_short(row) if row.ndim else float(f"{row:.7g}") for row in np.asarray(array)]
+
+
 def _hex(bgr: Sequence[int]) -> str:
     b, g, r = bgr
     return f"#{r:02x}{g:02x}{b:02x}"
@@ -505,7 +552,9 @@ def _from_hsv(hsv: FloatArray) -> Bgr:
 def _pixels(image: NDArray[Any]) -> NDArray[Any]:
     pixels = np.asarray(image)
     if pixels.ndim < 1 or pixels.shape[-1] != 3 or pixels.dtype.kind not in "uif":
-        raise ArrayError(f"image must have shape (..., 3), blue green red from 0 to 255, got {pixels.shape} {pixels.dtype}")
+        raise ArrayError(
+            f"image must have shape (..., 3), blue green red from 0 to 255, got {pixels.shape} {pixels.dtype}"
+        )
     if pixels.dtype != np.uint8:
         if pixels.size and not (pixels.min() >= 0 and pixels.max() <= 255):
             raise ArrayError("image must be blue, green, red from 0 to 255; scale 16-bit images down first")

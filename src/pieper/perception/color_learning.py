@@ -24,9 +24,9 @@ from pieper.perception.color import (
     Background,
     Bgr,
     ColorModel,
+    Look,
     default_draw,
     draw_color,
-    gaussian,
 )
 from pieper.perception.color_space import LogChroma, Space, hsv_statistics, pooled, space_named
 from pieper.perception.yaml_file import read_yaml
@@ -46,13 +46,14 @@ FLOOR = {"log-chroma": np.full(3, 0.03**2), "hsv": np.array([1.5**2, 4.0**2, 4.0
 CLIPPED = 0.15
 """Standard deviation of the logarithm of a channel that is at its end, and would be more if it could."""
 
-COMPONENTS = 8
+COMPONENTS = 12
 """Gaussians of the background."""
 
 CONFUSED = 0.01
 """Share of a colour's pixels taken for another above which that is said."""
 
 _TRIM = 4.0  # Mahalanobis distance within which a pixel of a region is of its colour
+_ALIKE = 3.0  # and within which a pixel elsewhere is of the same colour as a region
 _ROUNDS = 6
 _PIXELS = 4000  # of the background, from each frame
 _LARGEST_REGION = 250_000  # pixels; more of one colour tell nothing new
@@ -215,7 +216,7 @@ def learn(
     drawn = (wanted.get(name) or default_draw(name) or own for name, own in zip(names, model.draw, strict=True))
     model = replace(model, draw=tuple(drawn))
     if background:
-        model = replace(model, background=_background(model, images, regions, background, chosen))
+        model = replace(model, background=_background(captures, images, background, chosen))
     validation, remarks = _validate(model, captures, groups, images, chosen)
     notes = {
         "regions": [_noted(capture) for capture in captures],
@@ -260,13 +261,14 @@ def _of_one_colour(cut: Image, space: Space) -> NDArray[np.uint8]:
     dx = np.abs(np.arange(width) - (width - 1) / 2) / width
     kept = (np.maximum(dy[:, None], dx[None, :]) <= 1 / 6 + 0.5 / max(min(height, width), 3)).reshape(-1)
     middle = np.median(flat[kept], axis=0)
+    look = Look(space, flat)
     floor = 4.0 * np.diag(FLOOR[space.name])
     for _ in range(_ROUNDS):
         x = space.of(flat[kept])
         centre = space.of(middle[None])[0] if _ == 0 else space.mean(x)
         away = space.minus(x, centre)
         covariance = away.T @ away / len(away) if _ else np.zeros((3, 3))
-        now = gaussian(space, flat, centre, covariance + floor)[0] <= _TRIM**2
+        now = look.gaussian(centre, covariance + floor)[0] <= _TRIM**2
         if not now.any() or (now == kept).all():
             break
         kept = now
@@ -283,24 +285,23 @@ def _pool(group: Sequence[Capture], space: Space) -> tuple[FloatArray, FloatArra
     return mean, covariance
 
 
-def _background(
-    model: ColorModel, images: Mapping[int, Image], regions: Sequence[Region], count: int, space: Space
-) -> Background:
+def _background(captures: Sequence[Capture], images: Mapping[int, Image], count: int, space: Space) -> Background:
     """What is neither in nor about a region, and is not as the colours are."""
     draw = np.random.default_rng(0)
     samples = []
     for number, image in images.items():
         free = np.ones(image.shape[:2], bool)
-        for region in regions:
+        for region in (capture.region for capture in captures):
             if region.frame == number:
                 left, top = max(region.x - region.width, 0), max(region.y - region.height, 0)
                 free[top : region.y + 2 * region.height, left : region.x + 2 * region.width] = False
         rows = np.flatnonzero(free)
         samples.append(image.reshape(-1, 3)[draw.choice(rows, min(_PIXELS, len(rows)), replace=False)])
     pixels = np.concatenate(samples)
-    for k in range(len(model.names)):  # unmarked things of the same colour are not background
-        own = gaussian(space, pixels, model.means[k], model.covariances[k])[0]
-        pixels = pixels[own > model.threshold**2]
+    floor = 4.0 * np.diag(FLOOR[space.name])
+    for capture in captures:  # unmarked things that look just like a marked one are not background
+        own = Look(space, pixels).gaussian(capture.mean, capture.covariance + floor)[0]
+        pixels = pixels[own > _ALIKE**2]
     if len(pixels) < 50 * count:
         count = len(pixels) // 50
     return _mixture(space.of(pixels), count, draw, space)
@@ -354,7 +355,9 @@ def _validate(
     for name, group in zip(model.names, groups, strict=True):
         pixels = np.concatenate([c.pixels for c in group])
         counts = np.bincount(table.classify(pixels[None]).reshape(-1), minlength=len(model.names) + 1) / len(pixels)
-        confusion[name] = {other: round(float(share), 4) for other, share in zip(("none", *model.names), counts, strict=True)}
+        confusion[name] = {
+            other: round(float(share), 4) for other, share in zip(("none", *model.names), counts, strict=True)
+        }
         if len(group) > 1:
             held_out[name] = round(_held_out(model, group, space), 4)
     for i, first in enumerate(model.names):
@@ -368,9 +371,11 @@ def _validate(
                     f"are taken for {second!r}, {confusion[second][first]:.1%} the other way, and their means are "
                     f"{apart:.1f} apart (Mahalanobis, changes of light allowed for); mark them more exactly, or use fewer colours"
                 )
-    for name in model.names:
-        if confusion[name]["none"] > 0.5:
-            remarks.append(f"{confusion[name]['none']:.0%} of the pixels of {name!r} are taken for background; it looks the same")
+    remarks += [
+        f"{shares['none']:.0%} of the pixels of {name!r} are taken for background; it looks the same"
+        for name, shares in confusion.items()
+        if shares["none"] > 0.5
+    ]
     explained = {}
     for number in sorted(images):
         image = images[number]
@@ -386,7 +391,7 @@ def _held_out(model: ColorModel, group: Sequence[Capture], space: Space) -> floa
     for i, capture in enumerate(group):
         mean, covariance = _pool([c for j, c in enumerate(group) if j != i], space)
         covariance = covariance + space.spread(mean, model.light, model.cast)
-        shares.append((gaussian(space, capture.pixels, mean, covariance)[0] <= model.threshold**2).mean())
+        shares.append((Look(space, capture.pixels).gaussian(mean, covariance)[0] <= model.threshold**2).mean())
     return float(np.mean(shares))
 
 
@@ -408,6 +413,12 @@ def hsv_of(captures: Sequence[Capture]) -> tuple[FloatArray, FloatArray]:
     """Return mean and covariance of captures of one colour in HSV: within and between, with a hue that wraps."""
     means = np.array([c.hsv_mean for c in captures])
     return pooled(means, np.array([c.hsv_covariance for c in captures]), space_named("hsv"))
+
+
+def classified(image: Image, model: ColorModel) -> Image:
+    """Return a frame and, beside it, the same frame darkened, with what is of a colour in the colour it is drawn in."""
+    paint = np.array([(0, 0, 0), *model.draw], np.uint8)
+    return np.hstack([image, np.maximum(image // 4, paint[model.table().classify(image)])])
 
 
 def parse_region(text: str, color: str | None = None) -> Region:

@@ -1,10 +1,10 @@
 """Coordinates in which the pixels of one colour lie close together, and how sure a pixel is of its own.
 
-Two of them. In ``log-chroma`` a pixel is the logarithms of its channels: light that is brighter or dimmer moves every pixel along
-(1, 1, 1), a colour cast moves every pixel by the same vector, and there is nothing that wraps. ``hsv`` is the space of OpenCV, with a
-hue that is a circle.
+Two of them. In ``log-chroma`` a pixel is ``log(value + 16)`` of each channel: light that is brighter or dimmer moves all colours along
+nearly one direction, a colour cast along another, and there is nothing that wraps. The offset keeps the noise of a dark channel from
+becoming most of the logarithm. ``hsv`` is the space of OpenCV, with a hue that is a circle.
 
-A dark channel tells little: its logarithm changes by ``sigma / value`` with the noise. That variance is a part of every distance.
+A dark channel tells little: its logarithm changes by ``sigma / (value + 16)`` with the noise. That variance is a part of every distance.
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ if TYPE_CHECKING:
 NOISE = 4.0
 """Standard deviation of a channel that is always allowed for [grey levels]: noise of the sensor, compression, and the cells of the table."""
 
-_LOGARITHM = np.log(np.arange(256) + 1.0)
+OFFSET = 16.0
+"""Added to a channel before its logarithm [grey levels]."""
+
+_LOGARITHM = np.log(np.arange(256) + OFFSET)
 
 
 class Space(Protocol):
@@ -59,8 +62,8 @@ class LogChroma:
     name = "log-chroma"
 
     def of(self, bgr: NDArray[Any]) -> FloatArray:
-        """``log(value + 1)`` of each channel."""
-        return np.asarray(_LOGARITHM[bgr] if bgr.dtype == np.uint8 else np.log(bgr + 1.0))
+        """``log(value + 16)`` of each channel."""
+        return np.asarray(_LOGARITHM[bgr] if bgr.dtype == np.uint8 else np.log(bgr + OFFSET))
 
     def minus(self, x: FloatArray, mean: FloatArray) -> FloatArray:
         """Plain difference."""
@@ -71,12 +74,17 @@ class LogChroma:
         return np.asarray(x.mean(axis=0))
 
     def noise(self, bgr: NDArray[Any]) -> FloatArray:
-        """``(sigma / (value + 1))^2``."""
-        return np.asarray((NOISE / (bgr.astype(np.float64) + 1.0)) ** 2)
+        """``(sigma / (value + 16))^2``."""
+        return np.asarray((NOISE / (bgr + OFFSET)) ** 2)
 
     def spread(self, mean: FloatArray, light: float, cast: float) -> FloatArray:
-        """Light along (1, 1, 1), cast in each channel."""
-        return np.full((3, 3), light**2) + cast**2 * np.eye(3)
+        """Light along ``value / (value + 16)``, the derivative of a coordinate by the logarithm of the light; cast in each channel."""
+        slope = np.clip(1.0 - OFFSET * np.exp(-mean), 0.0, 1.0)
+        return light**2 * np.outer(slope, slope) + cast**2 * np.diag(slope**2)
+
+    def lit(self, mean: FloatArray, gain: FloatArray) -> FloatArray:
+        """Return where coordinates ``(..., 3)`` go when the logarithm of the light of each channel grows by `gain` ``(3,)``."""
+        return np.asarray(np.log(np.maximum(np.exp(mean) - OFFSET, 0.0) * np.exp(gain) + OFFSET))
 
 
 class Hsv:

@@ -13,6 +13,7 @@ import numpy as np
 from pieper.errors import ArrayError, unknown_name
 from pieper.perception.camera import Camera
 from pieper.perception.field_view import FieldView
+from pieper.perception.pattern import BallPattern, Pattern, PatternMarker, Patterns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -129,8 +130,8 @@ class Marker:
     def outline(self, corners: int) -> FloatArray:
         """Return its outline in the robot's frame, ``(n, 2)`` [m]."""
         if self.box is not None:
-            return _rectangle(*self.box) + np.array([self.x, self.y])
-        return circle(self.radius, corners) + np.array([self.x, self.y])
+            return np.asarray(_rectangle(*self.box) + np.array([self.x, self.y]))
+        return np.asarray(circle(self.radius, corners) + np.array([self.x, self.y]))
 
 
 @dataclass(frozen=True)
@@ -298,6 +299,16 @@ class Scene:
         """The robots alone."""
         return tuple(thing for thing in self.things if isinstance(thing, Robot))
 
+    @property
+    def patterns(self) -> Patterns:
+        """What the pattern finder has to know of the robots and the ball."""
+        robots = tuple(
+            Pattern(robot.name, tuple(_as_known(marker, robot.model.height) for marker in robot.model.markers))
+            for robot in self.robots
+        )
+        balls = [BallPattern(thing.color, thing.radius) for thing in self.things if isinstance(thing, Ball)]
+        return Patterns(robots, balls[0] if balls else None)
+
     def progress(self, index: int) -> float:
         """0 at the first frame, 1 at the last."""
         return index / (self.frames - 1) if self.frames > 1 else 0.0
@@ -312,6 +323,10 @@ class Scene:
         if effects:
             changes["effects"] = replace(self.effects, **effects)  # type: ignore[arg-type]
         return replace(self, **changes)  # type: ignore[arg-type]
+
+
+def _as_known(marker: Marker, height: float) -> PatternMarker:
+    return PatternMarker(marker.color, (marker.x, marker.y), height, float(np.sqrt(marker.area / np.pi)))
 
 
 def circle(radius: float, corners: int = 48) -> FloatArray:
@@ -362,15 +377,15 @@ def overhead(
 SOCCER = Model(
     "soccer",
     (
-        Marker("blue", 0.045, 0.0, 0.034),
-        Marker("red", -0.045, 0.0, 0.034),
+        Marker("red", 0.045, 0.0, 0.034),
+        Marker("blue", -0.045, 0.0, 0.034),
         Marker("green", 0.0, 0.062, 0.031),
         Marker("green", 0.0, -0.062, 0.031),
     ),
     radius=0.11,
     height=0.12,
 )
-"""The soccer robot of the report: blue ahead, red behind, a green on either side."""
+"""The soccer robot of the report: red ahead, blue behind, a green on either side."""
 
 # Places of the four outer dots of the butterfly of the Small Size League: 65 mm from the middle, the front pair wider apart.
 _DOTS = ((0.035, 0.054772), (-0.054772, 0.035), (-0.054772, -0.035), (0.035, -0.054772))
@@ -397,9 +412,19 @@ def vsss(team: str, first: str, second: str) -> Model:
 
 
 def team(count: int) -> tuple[tuple[str, Model], ...]:
-    """Return names and models of robots that can be told apart, at most twelve: two teams of six tags."""
-    pairs = (("red", "green"), ("green", "red"), ("cyan", "red"), ("red", "cyan"), ("green", "cyan"), ("cyan", "green"))
-    named = [(f"{color}-{k}", vsss(color, *pair)) for k, pair in enumerate(pairs) for color in ("yellow", "blue")]
+    """Return names and models of robots that can be told apart, at most twelve, yellow and blue in turn.
+
+    Names and colours are those of the built-in patterns ``"vsss"``.
+    """
+    pairs = (
+        ("red", "green"),
+        ("red", "cyan"),
+        ("green", "red"),
+        ("green", "cyan"),
+        ("green", "magenta"),
+        ("cyan", "red"),
+    )
+    named = [(f"{color}_{k}", vsss(color, *pair)) for k, pair in enumerate(pairs) for color in ("yellow", "blue")]
     if not 0 <= count <= len(named):
         raise ArrayError(f"a team has 0 to {len(named)} robots, got {count}")
     return tuple(named[:count])
@@ -526,7 +551,7 @@ def preset(name: str, size: tuple[int, int] = (640, 480)) -> Scene:
     Examples
     --------
     >>> [thing.name for thing in preset("occlusion").things]
-    ['yellow-0', 'blue-0']
+    ['yellow_0', 'blue_0']
     """
     if name not in PRESETS:
         raise unknown_name("scene", name, PRESETS)

@@ -266,7 +266,7 @@ def _visible(shapes: list[_Shape], patches: list[Patch], to_image: Any) -> dict[
             y0, y1 = max(y, top), min(y + cover.shape[0], top + rows)
             if x0 < x1 and y0 < y1:
                 clear[y0 - top : y1 - top, x0 - left : x1 - left] *= 1 - cover[y0 - y : y1 - y, x0 - x : x1 - x]
-        shares[shape.owner, shape.marker] = min(float(clear.sum(dtype=np.float64)) / whole, 1.0)
+        shares[shape.owner, shape.marker] = min(round(float(clear.sum(dtype=np.float64)) / whole, 6), 1.0)
     return shares
 
 
