@@ -45,7 +45,7 @@ BUILT_IN = ("report", "ssl", "vsss", "circles")
 
 FORMAT = "pieper patterns 1"
 
-_PIXEL_FLOOR = 0.03  # px; error of a centroid that its covariance does not know of: the grid, light from one side
+_PIXEL_FLOOR = 0.01  # px; error of a centroid that its covariance does not know of: the grid, light from one side
 _BALL_ROUND = 0.6  # circularity of a ball that is partly hidden
 _BALL_AREA = (0.25, 3.0)  # of what a ball of its size would cover
 _AREA_NOISE = 0.03  # of the share of its usual area that a marker has, to begin with; learnt as the area is
@@ -401,9 +401,9 @@ class PatternFinder:
     >>> from pieper.perception.blobs import Blobs
     >>> from pieper.perception.field_view import PixelView
     >>> league = load_patterns("report")
-    >>> seen = np.array([[100, 100], [130, 100], [115, 85], [115, 115]]) + 0.0  # 3 mm to a pixel
-    >>> blobs = Blobs(("red", "green", "blue"), np.array([2, 0, 1, 1]), seen, np.tile(np.eye(2) * 1e-3, (4, 1, 1)),
-    ...               np.full(4, 177.0), np.zeros((4, 4), np.int64), np.ones(4))
+    >>> seen = np.array([[100, 100], [130, 100], [115, 79], [115, 121]]) + 0.0  # 3 mm to a pixel
+    >>> blobs = Blobs(("red", "green", "blue"), np.array([0, 2, 1, 1]), seen, np.tile(np.eye(2) * 1e-3, (4, 1, 1)),
+    ...               np.full(4, 380.0), np.zeros((4, 4), np.int64), np.ones(4))
     >>> robot, = PatternFinder(league, PixelView(), mm_per_px=3.0).find(blobs)
     >>> robot.name, np.round(robot.position, 1).tolist(), abs(round(robot.heading, 3))
     ('robot', [115.0, 100.0], 0.0)
