@@ -17,6 +17,7 @@ import typer
 
 from pieper.cli import (
     calibrate_camera,
+    calibrate_field,
     convert,
     evaluate,
     fk,
@@ -64,7 +65,6 @@ for _verb, _summary in {
     convert: "Write an arm as DH rows, screws, URDF, formulas.",
     learn_colour: "Colours, from boxes on frames of a video.",
     calibrate_camera: "A lens, from pictures of a printed board.",
-    track: "Follow coloured markers in a video or camera.",
     synthesize: "A film of robots with markers, with exact truth.",
     evaluate: "Tracks against the truth.",
 }.items():
