@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pieper.cli import calibrate_camera, calibrate_field, convert, fk, ik, info, launch, learn_colour, plot, reach, render, robots, ros, track, view
+from pieper.cli import calibrate_camera, calibrate_field, convert, evaluate, fk, ik, info, launch, learn_colour, plot, reach, render, robots, ros, synthesize, track, view
 from pieper.cli.node import RosCommand
 from pieper.errors import MissingExtraError, MissingLibraryError, PieperError, PieperWarning
 
@@ -49,6 +49,8 @@ for _verb, _summary in {
     calibrate_camera: "A lens, from pictures of a printed board.",
     track: "Follow coloured markers in a video or camera.",
     calibrate_field: "Where the field lies before a camera.",
+    synthesize: "A film of robots with markers, with exact truth.",
+    evaluate: "Tracks against the truth.",
 }.items():
     _name = _verb.__name__.rpartition(".")[2]
     app.command(_name.replace("_", "-"), short_help=_summary)(getattr(_verb, _name))
