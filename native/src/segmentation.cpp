@@ -275,9 +275,9 @@ Components components(const FrameView& frame, const ColorLookUp& look_up) {
 
 // ---- a set as a blob, by its area alone
 
-// Of a centroid of pixels that are in or out: each edge pixel errs by a uniform part of itself, twice as much in variance along the
-// directions of the grid; measured on anti-aliased discs.
-constexpr double edge_variance = 1.6 / 12;
+// Of the part of an edge pixel that is counted wrongly when it is in or out: uniform. Discs show that pixels of an edge err
+// nearly independently.
+constexpr double cut_variance = 1.0 / 12;
 
 Blob blob_of(const Sums& sums) {
   Blob blob;
@@ -299,10 +299,248 @@ Blob blob_of(const Sums& sums) {
   blob.left = sums.left, blob.top = sums.top;
   blob.width = sums.right - sums.left, blob.height = sums.bottom - sums.top;
   blob.circularity = n / (2 * pi * (xx + yy));
-  const double edge = 2 * std::sqrt(pi * n / blob.circularity);  // pixels, as many as a disc of these moments has
-  const double scale = edge_variance * edge * 2 / (n * n);
+  const double length = 2 * std::sqrt(pi * n / blob.circularity);  // pixels, as many as a disc of these moments has
+  const double scale = cut_variance * length * 2 / (n * n);
   blob.xx = scale * xx, blob.yy = scale * yy, blob.xy = scale * xy;
   return blob;
+}
+
+// ---- the centroid by coverage
+
+// Rows of bits, one word or a few each.
+class BitRows {
+ public:
+  void resize(std::size_t height, std::size_t width) {
+    words_ = (width + 63) / 64;
+    rows_ = height;
+    bits_.assign(rows_ * words_, 0);
+  }
+  std::size_t rows() const { return rows_; }
+  std::uint64_t* row(std::size_t y) { return &bits_[y * words_]; }
+  std::size_t words() const { return words_; }
+  std::uint64_t& operator[](std::size_t k) { return bits_[k]; }
+  std::uint64_t operator[](std::size_t k) const { return bits_[k]; }
+  std::size_t size() const { return bits_.size(); }
+  void set(std::size_t y, std::size_t from, std::size_t to) {
+    for (std::size_t w = from / 64; w * 64 < to; ++w) {
+      const std::size_t low = std::max(from, w * 64) - w * 64, high = std::min(to, w * 64 + 64) - w * 64;
+      bits_[y * words_ + w] |= (high == 64 ? ~std::uint64_t{0} : (std::uint64_t{1} << high) - 1) & ~std::uint64_t{0}
+                                                                                                       << low;
+    }
+  }
+  // What is set or touches what is set, by a side or a corner.
+  void spread(BitRows& wide) {
+    if (words_ == 1) {
+      for (std::size_t y = 0; y < rows_; ++y) wide.bits_[y] = bits_[y] | bits_[y] << 1 | bits_[y] >> 1;
+    } else {
+      for (std::size_t k = 0; k < bits_.size(); ++k) {
+        const std::size_t w = k % words_;
+        const std::uint64_t from_left = w > 0 ? bits_[k - 1] >> 63 : 0,
+                            from_right = w + 1 < words_ ? bits_[k + 1] << 63 : 0;
+        wide.bits_[k] = bits_[k] | bits_[k] << 1 | bits_[k] >> 1 | from_left | from_right;
+      }
+    }
+    for (std::size_t w = 0; w < words_; ++w) {
+      std::uint64_t above = 0;
+      for (std::size_t y = 0; y < rows_; ++y) {
+        const std::size_t k = y * words_ + w;
+        const std::uint64_t here = wide.bits_[k], below = y + 1 < rows_ ? wide.bits_[k + words_] : 0;
+        wide.bits_[k] = above | here | below;
+        above = here;
+      }
+    }
+  }
+  // Calls visit(row, column, word) for every bit of every `step`-th row; `word` is the index of the word it is in.
+  template <class Do>
+  void each(std::size_t step, Do visit) const {
+    for (std::size_t y = 0; y < rows_; y += step)
+      for (std::size_t w = 0; w < words_; ++w)
+        for (std::uint64_t word = bits_[y * words_ + w]; word != 0; word &= word - 1)
+          visit(y, w * 64 + static_cast<std::size_t>(std::countr_zero(word)), y * words_ + w);
+  }
+
+ private:
+  std::size_t words_ = 0, rows_ = 0;
+  std::vector<std::uint64_t> bits_;
+};
+
+struct Color {
+  std::int32_t c[3];
+};
+
+struct PackedPixels {
+  const FrameView& frame;
+  Color operator()(std::size_t y, std::size_t x) const {
+    const std::uint8_t* p = frame.rows + static_cast<std::ptrdiff_t>(y) * frame.stride + 3 * x;
+    return {{p[0], p[1], p[2]}};
+  }
+};
+
+struct LumaChroma {
+  const FrameView& frame;
+  Color operator()(std::size_t y, std::size_t x) const {
+    const std::uint8_t *row = frame.rows + static_cast<std::ptrdiff_t>(y) * frame.stride, *u, *v, *luma = row + x;
+    if (frame.layout == PixelLayout::yuyv) {
+      luma = row + 2 * x;
+      u = row + x / 2 * 4 + 1, v = u + 2;
+    } else {
+      const std::ptrdiff_t offset = static_cast<std::ptrdiff_t>(y / 2) * frame.chroma_stride;
+      const bool pairs = frame.layout == PixelLayout::nv12;
+      u = frame.chroma[0] + offset + (pairs ? x / 2 * 2 : x / 2);
+      v = pairs ? u + 1 : frame.chroma[1] + offset + x / 2;
+    }
+    return {{*luma, *u, *v}};
+  }
+};
+
+constexpr std::uint32_t edge = 2;  // pixels on either side of the border of the label in which the real edge is sought
+constexpr std::uint32_t around = 4;  // the background is taken from between `edge` and this
+constexpr std::uint32_t margin = around + 1;
+constexpr std::uint32_t widest = 240;    // of a blob that is refined
+constexpr int enough = 12;               // pixels of background, and of inside where that is eroded
+constexpr int plenty = 100;              // pixels of inside for its mean; of more, rows are left out
+constexpr double contrast = 24;          // between inside and background, below which noise drowns the coverage
+constexpr double luma_contrast = 30;     // above which luma, which every pixel has of its own, is enough
+constexpr double contested = 1.0 / 12;   // variance of the coverage of a pixel that is taken by its label alone
+constexpr double floor_variance = 1e-4;  // px^2: what no measurement of noise shows, 0.01 px
+
+// Mean and spread of pixels; fewer than 2^15 of them.
+struct Mean {
+  std::int32_t n = 0, sum[3] = {}, square_sum[3] = {};
+  double mean[3], square[3];
+  void add(const Color& p) {
+    ++n;
+    for (int c = 0; c < 3; ++c) sum[c] += p.c[c], square_sum[c] += p.c[c] * p.c[c];
+  }
+  void finish() {
+    for (int c = 0; c < 3; ++c)
+      mean[c] = sum[c] / static_cast<double>(n), square[c] = square_sum[c] / static_cast<double>(n) - mean[c] * mean[c];
+  }
+};
+
+class Refiner {
+ public:
+  Refiner(const FrameView& frame, Components& found, std::uint64_t min_area)
+      : frame_(frame), found_(found), min_area_(min_area) {}
+
+  void refine(Blob& blob, std::uint32_t set) {
+    if (blob.width > widest || blob.height > widest) return;
+    if (frame_.layout == PixelLayout::packed)
+      refine(blob, set, PackedPixels{frame_});
+    else
+      refine(blob, set, LumaChroma{frame_});
+  }
+
+ private:
+  template <class Pixels>
+  void refine(Blob& blob, std::uint32_t set, Pixels pixels) {
+    const std::size_t x0 = blob.left > margin ? blob.left - margin : 0, y0 = blob.top > margin ? blob.top - margin : 0;
+    const std::size_t x1 = std::min<std::size_t>(blob.left + blob.width + margin, frame_.width),
+                      y1 = std::min<std::size_t>(blob.top + blob.height + margin, frame_.height);
+    const bool crowded = look(set, x0, y0, x1, y1);
+
+    // inside: whole pixels; near: up to where the edge may be; far: up to where the background is taken from
+    erode(own_, scratch_, x1 - x0), erode(scratch_, inside_, x1 - x0);
+    own_.spread(scratch_), scratch_.spread(near_);
+    near_.spread(scratch_), scratch_.spread(far_);
+    if (crowded) {  // a thin line of another label is the edge between two colours; only what has a middle is another thing
+      erode(others_, scratch_, x1 - x0);
+      scratch_.spread(others_), others_.spread(scratch_), scratch_.spread(others_);
+    }
+    int middle = 0;
+    for (std::size_t k = 0; k < own_.size(); ++k) {
+      far_[k] &= ~near_[k] & ~others_[k];
+      near_[k] &= ~inside_[k];
+      middle += std::popcount(inside_[k]);
+    }
+    trim(far_, x1 - x0), trim(near_, x1 - x0);
+
+    Mean background, marker;
+    far_.each(1, [&](std::size_t y, std::size_t x, std::size_t) { background.add(pixels(y0 + y, x0 + x)); });
+    (middle < enough ? own_ : inside_)
+        .each(middle < plenty ? 1 : middle / plenty,
+              [&](std::size_t y, std::size_t x, std::size_t) { marker.add(pixels(y0 + y, x0 + x)); });
+    if (background.n < enough || marker.n == 0) return;
+    background.finish(), marker.finish();
+    double d[3], dd = 0, noise = 0;
+    for (int c = 0; c < 3; ++c) d[c] = marker.mean[c] - background.mean[c];
+    if (frame_.layout != PixelLayout::packed && std::abs(d[0]) >= luma_contrast) d[1] = d[2] = 0;
+    for (int c = 0; c < 3; ++c) dd += d[c] * d[c];
+    if (dd < contrast * contrast) return;
+    for (int c = 0; c < 3; ++c) {
+      d[c] /= dd;
+      noise += d[c] * d[c] * ((background.square[c] + marker.square[c]) / 2 + 1.0 / 12);
+    }
+
+    // how far the edge pixels move the centroid that the label gave
+    double offset = 0;
+    for (int c = 0; c < 3; ++c) offset -= d[c] * background.mean[c];
+    const double cx = blob.x - static_cast<double>(x0), cy = blob.y - static_cast<double>(y0);
+    double n = static_cast<double>(blob.area), dx = 0, dy = 0, xx = 0, xy = 0, yy = 0;
+    near_.each(1, [&](std::size_t y, std::size_t x, std::size_t word) {
+      const double labelled = static_cast<double>(own_[word] >> x % 64 & 1);
+      double cover = labelled, variance = contested;
+      if ((others_[word] >> x % 64 & 1) == 0) {
+        const Color p = pixels(y0 + y, x0 + x);
+        const double raw = offset + d[0] * p.c[0] + d[1] * p.c[1] + d[2] * p.c[2];
+        cover = std::clamp(raw, 0.0, 1.0), variance = cover == raw ? noise : 0;
+      }
+      const double u = static_cast<double>(x) - cx, v = static_cast<double>(y) - cy, more = cover - labelled;
+      n += more, dx += more * u, dy += more * v;
+      xx += variance * u * u, xy += variance * u * v, yy += variance * v * v;
+    });
+    if (!(n >= 1)) return;
+    blob.x += dx / n, blob.y += dy / n;
+    blob.xx = xx / (n * n) + floor_variance, blob.xy = xy / (n * n), blob.yy = yy / (n * n) + floor_variance;
+  }
+
+  // Fills in which pixels of a rectangle are the set's and which are another blob's; true if there are any of the latter.
+  bool look(std::uint32_t set, std::size_t x0, std::size_t y0, std::size_t x1, std::size_t y1) {
+    for (BitRows* rows : {&own_, &others_, &inside_, &near_, &far_, &scratch_}) rows->resize(y1 - y0, x1 - x0);
+    bool crowded = false;
+    for (std::size_t y = y0; y < y1; ++y) {
+      const auto begin = found_.runs.begin() + static_cast<std::ptrdiff_t>(found_.first[y]),
+                 end = found_.runs.begin() + static_cast<std::ptrdiff_t>(found_.first[y + 1]);
+      auto run = std::partition_point(begin, end, [&](const Run& r) { return r.end <= x0; });
+      for (; run != end && run->start < x1; ++run) {
+        const std::uint32_t root = found_.sets.root(run->set);
+        if (root != set && found_.sums[root].n < min_area_) continue;
+        (root == set ? own_ : others_)
+            .set(y - y0, std::max<std::size_t>(run->start, x0) - x0, std::min<std::size_t>(run->end, x1) - x0);
+        crowded = crowded || root != set;
+      }
+    }
+    return crowded;
+  }
+
+  // What is set and touches only what is set; beyond the rectangle all is. Beyond the width it says nothing.
+  void erode(BitRows& from, BitRows& to, std::size_t width) {
+    complement_.resize(from.rows(), width);
+    for (std::size_t k = 0; k < from.size(); ++k) complement_[k] = ~from[k];
+    trim(complement_, width);
+    complement_.spread(to);
+    for (std::size_t k = 0; k < to.size(); ++k) to[k] = ~to[k];
+    trim(to, width);
+  }
+
+  // Clears what lies beyond the width.
+  static void trim(BitRows& rows, std::size_t width) {
+    if (width % 64 == 0) return;
+    const std::uint64_t kept = (std::uint64_t{1} << width % 64) - 1;
+    for (std::size_t k = rows.words() - 1; k < rows.size(); k += rows.words()) rows[k] &= kept;
+  }
+
+  const FrameView& frame_;
+  Components& found_;
+  std::uint64_t min_area_;
+  BitRows own_, others_, inside_, near_, far_, scratch_, complement_;
+};
+
+// A blob that touches the border of the frame goes on outside, nobody knows how far.
+void widen_at_border(Blob& blob, const FrameView& frame) {
+  const auto unknown = [](double size) { return size * size / 16; };
+  if (blob.left == 0 || blob.left + blob.width == frame.width) blob.xx += unknown(blob.width);
+  if (blob.top == 0 || blob.top + blob.height == frame.height) blob.yy += unknown(blob.height);
 }
 
 }  // namespace
@@ -328,11 +566,14 @@ std::vector<Blob> segment(const FrameView& frame, const ColorLookUp& look_up, co
   if (numbers) std::fill_n(numbers, frame.width * frame.height, 0);
   if (frame.width == 0 || frame.height == 0) return blobs;
   Components found = components(frame, look_up);
+  Refiner refiner(frame, found, options.min_area);
   std::vector<std::int32_t> number(numbers ? found.sums.size() : 0, 0);
   for (std::uint32_t k = 0; k < found.sums.size(); ++k) {
     const Sums& sums = found.sums[k];
     if (found.sets.root(k) != k || sums.n < options.min_area || sums.n > options.max_area) continue;
     blobs.push_back(blob_of(sums));
+    if (options.refine) refiner.refine(blobs.back(), k);
+    widen_at_border(blobs.back(), frame);
     if (numbers) number[k] = static_cast<std::int32_t>(blobs.size());
   }
   if (numbers)

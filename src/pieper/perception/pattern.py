@@ -44,9 +44,12 @@ BUILT_IN = ("report", "ssl", "vsss", "circles")
 
 FORMAT = "pieper patterns 1"
 
-_PIXEL_FLOOR = 0.05  # px; error of a centroid that its covariance does not know of: the grid, light from one side
+_PIXEL_FLOOR = 0.03  # px; error of a centroid that its covariance does not know of: the grid, light from one side
 _BALL_ROUND = 0.6  # circularity of a ball that is partly hidden
 _BALL_AREA = (0.25, 3.0)  # of what a ball of its size would cover
+_AREA_NOISE = 0.1  # share of the area of a marker that may lack without it being cut off
+_AREA_PACE = 0.05  # of what is learnt of the area of a marker, from one sight of it
+_CUT = 0.9  # radii by which the centroid of a disc moves that lost a half of its area and more, per share lost over share left
 _ROUNDS = 3  # of the search, the later ones among the blobs that are left
 
 
@@ -412,11 +415,14 @@ class PatternFinder:
         self.scale: float | None = 1.0 if self._metric else self._given
         self._shapes = _shapes([r for r in patterns.robots if len(r.markers) > 1], mirrored=not self._metric)
         self._single = [r for r in patterns.robots if len(r.markers) == 1]
+        self._areas = [np.full(len(shape.places), np.nan) for shape in self._shapes]
         self._tables: dict[tuple[str, ...], list[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]]] = {}
 
     def forget(self) -> None:
         """Forget the scale that was found in pixels."""
         self.scale = 1.0 if self._metric else self._given
+        for areas in self._areas:
+            areas[:] = np.nan
 
     def find(self, blobs: Blobs) -> tuple[Sighting, ...]:
         """Return the robots and the ball of one frame.
@@ -615,10 +621,12 @@ class PatternFinder:
         there = rows >= 0
         points = np.zeros(rows.shape, dtype=np.complex128)
         W = np.zeros((*rows.shape, 2, 2))
+        cut = self._cut(k, rows, there, levels, scale)
         for level, height in enumerate(shape.heights):
             here = there & (shape.level == level)
             points[here] = levels.places(height)[rows[here]]
-            W[here] = np.linalg.inv(levels.covariances(height)[rows[here]])
+            spread = levels.covariances(height)[rows[here]] + cut[here, None, None] ** 2 * np.eye(2)
+            W[here] = np.linalg.inv(spread)
         origin, turn = _similarity(points, shape.places, there)
         size = np.ones(len(rows)) if self._metric else np.abs(turn)
         turn = turn / np.abs(turn)
@@ -656,6 +664,27 @@ class PatternFinder:
             )
             found.append((float(c.score[i]), sighting))
         return found
+
+    def _cut(
+        self, k: int, rows: NDArray[np.int64], there: NDArray[np.bool_], levels: _Levels, scale: float
+    ) -> FloatArray:
+        """How far the centroid of each marker may be off because something hides a part of it, from what it lacks of its usual area."""
+        shape, usual = self._shapes[k], self._areas[k]
+        area = np.where(there, levels.blobs.area[rows], np.nan)
+        radius = np.sqrt(area / np.pi)
+        if self._metric:
+            area = area / np.where(there, levels.pixels_per_unit(shape.heights[-1])[rows], 1.0) ** 2
+            radius = np.sqrt(area / np.pi)
+        if np.isnan(usual).any():
+            first = np.nanmax(np.where(there, area, np.nan), axis=0, initial=0.0)
+            usual = self._areas[k] = np.where(np.isnan(usual) & (first > 0), first, usual)
+        with np.errstate(invalid="ignore"):
+            share = area / usual[None]
+            whole = share > 1.0 - 2.0 * _AREA_NOISE
+        for n in np.flatnonzero(whole.any(axis=0)):
+            usual[n] *= 1.0 + _AREA_PACE * (float(share[whole[:, n], n].mean()) - 1.0)
+        lost = np.clip(np.nan_to_num(1.0 - share - _AREA_NOISE), 0.0, 0.9)
+        return np.asarray(_CUT * np.nan_to_num(radius) * lost / (1.0 - lost))
 
     def _find_scale(self, blobs: Blobs, levels: _Levels) -> float | None:
         """Units to a metre that explain most markers, from a guess by the size of the blobs."""
