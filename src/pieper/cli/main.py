@@ -15,7 +15,24 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pieper.cli import calibrate_camera, convert, fk, ik, info, launch, plot, reach, render, robots, ros, track, view
+from pieper.cli import (
+    calibrate_camera,
+    convert,
+    evaluate,
+    fk,
+    ik,
+    info,
+    launch,
+    learn_colour,
+    plot,
+    reach,
+    render,
+    robots,
+    ros,
+    synthesize,
+    track,
+    view,
+)
 from pieper.cli.node import RosCommand
 from pieper.errors import MissingExtraError, MissingLibraryError, PieperError, PieperWarning
 
@@ -45,11 +62,15 @@ for _verb, _summary in {
     render: "Draw an arm, or a film of its motion.",
     view: "Open an arm in the browser.",
     convert: "Write an arm as DH rows, screws, URDF, formulas.",
+    learn_colour: "Colours, from boxes on frames of a video.",
     calibrate_camera: "A lens, from pictures of a printed board.",
     track: "Follow coloured markers in a video or camera.",
+    synthesize: "A film of robots with markers, with exact truth.",
+    evaluate: "Tracks against the truth.",
 }.items():
     _name = _verb.__name__.rpartition(".")[2]
     app.command(_name.replace("_", "-"), short_help=_summary)(getattr(_verb, _name))
+app.command("learn-color", hidden=True)(learn_colour.learn_colour)
 app.add_typer(plot.app, name="plot", short_help="Figures of paths, joints, errors and models.")
 app.add_typer(ros.app, name="ros", short_help="ROS 2 nodes, without or with ROS.")
 app.command(cls=RosCommand, short_help="Start several nodes together.")(launch.launch)

@@ -112,7 +112,9 @@ class LightAdaptation:
         if enabled and model.space != LogChroma.name:
             raise VisionError(f"the light can be followed in {LogChroma.name} only, these colours are in {model.space}")
         if not (seconds > 0 and forget > 0 and every >= 0 and most_light >= 1 and most_cast >= 0 and most_shift >= 0):
-            raise VisionError("the times must be positive, most_light at least 1, most_cast and most_shift not negative")
+            raise VisionError(
+                "the times must be positive, most_light at least 1, most_cast and most_shift not negative"
+            )
         self.enabled = enabled
         self.model, self._learned = model, model
         self.table: ColorTable = model.table()
@@ -233,7 +235,9 @@ class LightAdaptation:
         self.model = self._learned.relit(self._light + self._cast, self._shifts)
         self.table = self.model.table()
         self.history.append(LightChange(time, self.light, self.cast, self._shifts.copy()))
-        _LOG.info("t = %.3f s: light %.3f, blue %.3f, green %.3f, red %.3f of that learned", time, self.light, *self.cast)
+        _LOG.info(
+            "t = %.3f s: light %.3f, blue %.3f, green %.3f, red %.3f of that learned", time, self.light, *self.cast
+        )
         return True
 
 

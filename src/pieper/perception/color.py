@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from pieper.perception.frame import Image
     from pieper.spatial._checks import FloatArray
 
 FORMAT = "pieper colors 1"
@@ -151,7 +150,12 @@ class ColorModel:
         for name, covariance in zip(names, self.covariances, strict=True):
             if not _definite(covariance):
                 raise ArrayError(f"the covariance of {name!r} must be symmetric and positive definite")
-        for which, least, most in (("threshold", 0.1, 100.0), ("light", 0.0, 5.0), ("cast", 0.0, 5.0), ("odds", 0.0, 1e6)):
+        for which, least, most in (
+            ("threshold", 0.1, 100.0),
+            ("light", 0.0, 5.0),
+            ("cast", 0.0, 5.0),
+            ("odds", 0.0, 1e6),
+        ):
             if not least <= getattr(self, which) <= most:
                 raise VisionError(f"{which} must be from {least:g} to {most:g}, got {getattr(self, which)}")
         if self.space != LogChroma.name and (self.gain.any() or self.shifts.any()):
@@ -296,15 +300,13 @@ class ColorModel:
             "cast": self.cast,
             "odds": self.odds,
             "colors": {
-                name: {"draw": _hex(draw), "mean": mean, "covariance": covariance}
-                for name, draw, mean, covariance in zip(
-                    self.names, self.draw, self._now.tolist(), self.covariances.tolist(), strict=True
-                )
+                name: {"draw": _hex(draw), "mean": _short(mean), "covariance": _short(covariance)}
+                for name, draw, mean, covariance in zip(self.names, self.draw, self._now, self.covariances, strict=True)
             },
             "background": {
-                "weights": self.background.weights,
-                "means": self._lit(self.background.means),
-                "covariances": self.background.covariances,
+                "weights": _short(self.background.weights),
+                "means": _short(self._lit(self.background.means)),
+                "covariances": _short(self.background.covariances),
             },
             **self.notes,
         }
@@ -337,9 +339,7 @@ class ColorModel:
         b, g, r = np.clip(np.exp(np.minimum(self.means[k], 9.0)) - OFFSET, 0, 255).round().astype(int).tolist()
         return b, g, r
 
-    def _claim(
-        self, k: int, look: Look, cells: NDArray[Any], density: NDArray[Any], labels: NDArray[np.uint8]
-    ) -> None:
+    def _claim(self, k: int, look: Look, cells: NDArray[Any], density: NDArray[Any], labels: NDArray[np.uint8]) -> None:
         """Give the label of colour k to those of the cells, which look so, that are likelier of it than of those before."""
         squared, det = look.gaussian(self._now[k], self._spread[k])
         takes = (squared <= self.threshold**2) & (look.brightest >= DARKEST)
@@ -398,7 +398,12 @@ class Look:
 
     def __getitem__(self, rows: NDArray[Any]) -> Look:
         part = object.__new__(Look)
-        part.space, part.brightest, part.x, part.noise = self.space, self.brightest[rows], self.x[rows], self.noise[:, rows]
+        part.space, part.brightest, part.x, part.noise = (
+            self.space,
+            self.brightest[rows],
+            self.x[rows],
+            self.noise[:, rows],
+        )
         return part
 
     def gaussian(self, mean: FloatArray, covariance: FloatArray) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -527,6 +532,11 @@ def default_draw(name: str) -> Bgr | None:
     return _KNOWN.get(first)
 
 
+def _short(array: FloatArray) -> list[Any]:
+    """Numbers with as many digits as they are known to, so that people can read them."""
+    return [_short(row) if row.ndim else float(f"{row:.7g}") for row in np.asarray(array)]
+
+
 def _hex(bgr: Sequence[int]) -> str:
     b, g, r = bgr
     return f"#{r:02x}{g:02x}{b:02x}"
@@ -542,7 +552,9 @@ def _from_hsv(hsv: FloatArray) -> Bgr:
 def _pixels(image: NDArray[Any]) -> NDArray[Any]:
     pixels = np.asarray(image)
     if pixels.ndim < 1 or pixels.shape[-1] != 3 or pixels.dtype.kind not in "uif":
-        raise ArrayError(f"image must have shape (..., 3), blue green red from 0 to 255, got {pixels.shape} {pixels.dtype}")
+        raise ArrayError(
+            f"image must have shape (..., 3), blue green red from 0 to 255, got {pixels.shape} {pixels.dtype}"
+        )
     if pixels.dtype != np.uint8:
         if pixels.size and not (pixels.min() >= 0 and pixels.max() <= 255):
             raise ArrayError("image must be blue, green, red from 0 to 255; scale 16-bit images down first")

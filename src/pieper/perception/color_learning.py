@@ -285,9 +285,7 @@ def _pool(group: Sequence[Capture], space: Space) -> tuple[FloatArray, FloatArra
     return mean, covariance
 
 
-def _background(
-    captures: Sequence[Capture], images: Mapping[int, Image], count: int, space: Space
-) -> Background:
+def _background(captures: Sequence[Capture], images: Mapping[int, Image], count: int, space: Space) -> Background:
     """What is neither in nor about a region, and is not as the colours are."""
     draw = np.random.default_rng(0)
     samples = []
@@ -357,7 +355,9 @@ def _validate(
     for name, group in zip(model.names, groups, strict=True):
         pixels = np.concatenate([c.pixels for c in group])
         counts = np.bincount(table.classify(pixels[None]).reshape(-1), minlength=len(model.names) + 1) / len(pixels)
-        confusion[name] = {other: round(float(share), 4) for other, share in zip(("none", *model.names), counts, strict=True)}
+        confusion[name] = {
+            other: round(float(share), 4) for other, share in zip(("none", *model.names), counts, strict=True)
+        }
         if len(group) > 1:
             held_out[name] = round(_held_out(model, group, space), 4)
     for i, first in enumerate(model.names):
@@ -371,9 +371,11 @@ def _validate(
                     f"are taken for {second!r}, {confusion[second][first]:.1%} the other way, and their means are "
                     f"{apart:.1f} apart (Mahalanobis, changes of light allowed for); mark them more exactly, or use fewer colours"
                 )
-    for name in model.names:
-        if confusion[name]["none"] > 0.5:
-            remarks.append(f"{confusion[name]['none']:.0%} of the pixels of {name!r} are taken for background; it looks the same")
+    remarks += [
+        f"{shares['none']:.0%} of the pixels of {name!r} are taken for background; it looks the same"
+        for name, shares in confusion.items()
+        if shares["none"] > 0.5
+    ]
     explained = {}
     for number in sorted(images):
         image = images[number]
@@ -411,6 +413,12 @@ def hsv_of(captures: Sequence[Capture]) -> tuple[FloatArray, FloatArray]:
     """Return mean and covariance of captures of one colour in HSV: within and between, with a hue that wraps."""
     means = np.array([c.hsv_mean for c in captures])
     return pooled(means, np.array([c.hsv_covariance for c in captures]), space_named("hsv"))
+
+
+def classified(image: Image, model: ColorModel) -> Image:
+    """Return a frame and, beside it, the same frame darkened, with what is of a colour in the colour it is drawn in."""
+    paint = np.array([(0, 0, 0), *model.draw], np.uint8)
+    return np.hstack([image, np.maximum(image // 4, paint[model.table().classify(image)])])
 
 
 def parse_region(text: str, color: str | None = None) -> Region:
