@@ -100,6 +100,13 @@ def native(session: nox.Session) -> None:
     session.run("bash", "-c", "source scripts/setup.sh && native_tests", external=True)
 
 
+@nox.session
+def sanitize(session: nox.Session) -> None:
+    """Run the tests of the C++ library while addresses and undefined behaviour are watched (GCC or Clang)."""
+    session.install(*groups("build"))
+    session.run("bash", "-c", "source scripts/setup.sh && sanitized_tests", external=True)
+
+
 @nox.session(python=OLDEST_PYTHON)
 def oldest(session: nox.Session) -> None:
     """Run the tests with the oldest Python and the oldest versions that pyproject.toml admits."""

@@ -211,6 +211,14 @@ native_tests() {
   ctest --test-dir build/native-tests/native --output-on-failure
 }
 
+# The same tests under the address and undefined behaviour sanitisers.
+sanitized_tests() {
+  ensure_compiler
+  step "configuring the sanitised tests" cmake -S . -B build/sanitized-tests -G Ninja -DCMAKE_BUILD_TYPE=Release -DPIEPER_SANITIZE=ON
+  step "compiling the sanitised tests" cmake --build build/sanitized-tests
+  ctest --test-dir build/sanitized-tests/native --output-on-failure
+}
+
 # The bus on a real rclpy, in an environment of its own on top of this one: where rclpy is, every node would take it.
 rclpy_tests() {
   local other=$root/build/rclpy

@@ -17,7 +17,7 @@ import pytest
 from pieper.cli.main import main
 from pieper.perception.output import read_tracks
 from pieper.perception.source import open_source
-from tests.perception.discs import FPS, HIDDEN, RADIUS, disc_clip, disc_colors, picture, places
+from tests.perception.disc_clip import FPS, HIDDEN, RADIUS, disc_clip, disc_colors, picture, places
 
 COUNT = 40
 CENTRE = 0.35  # px; discs drawn by OpenCV at sixteenths of a pixel, compressed, with a line of soft edge
