@@ -171,7 +171,7 @@ def _tracker(
             )
         return model, _report(model, colors, tracked), view, {}
     if field is not None:
-        from pieper.perception.field import load_view
+        from pieper.perception.calibration_file import load_view
 
         view = load_view(field)
     for name in largest:
