@@ -15,7 +15,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pieper.cli import calibrate_camera, calibrate_field, convert, evaluate, fk, ik, info, launch, learn_colour, plot, reach, render, robots, ros, synthesize, track, view
+from pieper.cli import (
+    calibrate_camera,
+    calibrate_field,
+    convert,
+    evaluate,
+    fk,
+    ik,
+    info,
+    launch,
+    learn_colour,
+    plot,
+    reach,
+    render,
+    robots,
+    ros,
+    synthesize,
+    track,
+    view,
+)
 from pieper.cli.node import RosCommand
 from pieper.errors import MissingExtraError, MissingLibraryError, PieperError, PieperWarning
 
