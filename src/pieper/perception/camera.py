@@ -1,29 +1,36 @@
-"""A camera as numbers, and how points become pixels.
+"""A camera as numbers, how points become pixels, and where pixels look.
 
 The model is OpenCV's: a pinhole, with radial and tangential distortion (Brown 1966, in the form of OpenCV's ``calib3d``)::
 
     u = fx x'' + cx,    v = fy y'' + cy,    (x'', y'') = distort(X / Z, Y / Z; k1, k2, p1, p2, k3, ...)
 
 Axes are OpenCV's: x right, y down, z forward. The centre of the top left pixel is at (0, 0).
+
+A polynomial that fits a lens inside the image folds somewhere outside: from there on two directions have one pixel. `Camera.reach` tells
+where; beyond it there are no pixels and no directions, NaN instead, since the polynomial says nothing of the lens there.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pieper.errors import ArrayError
-from pieper.perception.opencv import opencv
 from pieper.spatial._checks import FloatArray, stack
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 _COEFFICIENTS = (0, 4, 5, 8, 12)
-_ITERATIONS = 100
-_STEP = 1e-12  # where undistortion ends, in normalised coordinates
+_ITERATIONS = 30  # of Newton, which needs three to six
+_STEP = 1e-14  # where it ends, relative to 1 + the square of the tangent
+_PATIENCE = 5  # turns after which a pixel beyond the edge is given up
+_RESIDUAL = 1e-11  # what may remain in normalised coordinates, relative likewise: 1e-8 px
+_WIDEST = 600.0  # tangent of 89.9 deg, where a pinhole ends
+_RAYS, _RADII = 64, 400  # directions and steps in which the fold is looked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,30 +87,21 @@ class Camera:
         Parameters
         ----------
         p_camera : (..., 3) array
-            Points in the camera's frame [m], before the camera.
+            Points in the camera's frame [m].
 
         Returns
         -------
         (..., 2) array
-            Pixels; NaN for a point that is not before the camera.
+            Pixels; NaN for a point that is not before the camera, or farther from its axis than `reach`.
         """
         p = stack(p_camera, (3,), "p_camera")
         flat = p.reshape(-1, 3)
         uv = np.full((len(flat), 2), np.nan)
-        front = flat[:, 2] > 0
-        if front.any():
-            uv[front] = self._distorted(flat[front, :2] / flat[front, 2:])
+        front = np.flatnonzero(flat[:, 2] > 0)
+        xy = flat[front, :2] / flat[front, 2:]
+        inside = np.hypot(xy[:, 0], xy[:, 1]) <= self.reach
+        uv[front[inside]] = self._distorted(xy[inside]) * self._focal + self.matrix[:2, 2]
         return uv.reshape(*p.shape[:-1], 2)
-
-    def _distorted(self, xy: FloatArray) -> FloatArray:
-        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = np.pad(self.distortion, (0, 12 - self.distortion.size))
-        x, y = xy[:, 0], xy[:, 1]
-        r2 = x * x + y * y
-        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-        dx = 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + r2 * (s1 + r2 * s2)
-        dy = p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + r2 * (s3 + r2 * s4)
-        out = np.stack([x * radial + dx, y * radial + dy], axis=-1)
-        return np.asarray(out * self.matrix[[0, 1], [0, 1]] + self.matrix[:2, 2])
 
     def directions(self, uv: ArrayLike) -> FloatArray:
         """Return where pixels look.
@@ -116,13 +114,148 @@ class Camera:
         Returns
         -------
         (..., 3) array
-            ``X / Z, Y / Z, 1`` in the camera's frame, without distortion.
+            ``X / Z, Y / Z, 1`` in the camera's frame, without distortion. NaN for a pixel that no direction within `reach` has.
+
+        Notes
+        -----
+        Newton's iteration, from the inverse of the radial part. Within `reach` there is one answer, and it is found to rounding; what
+        does not give the pixel back is NaN, never a near miss.
         """
         pixels = stack(uv, (2,), "uv")
-        xy = (pixels - self.matrix[:2, 2]) / self.matrix[[0, 1], [0, 1]]
+        xy = (pixels - self.matrix[:2, 2]) / self._focal
         if self.distortion.any() and pixels.size:
-            cv2 = opencv("a lens with distortion")
-            until = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, _ITERATIONS, _STEP)
-            points = pixels.reshape(-1, 1, 2)
-            xy = cv2.undistortPoints(points, self.matrix, self.distortion, criteria=until).reshape(xy.shape)
-        return np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
+            xy = self._undistorted(xy.reshape(-1, 2)).reshape(xy.shape)
+        return np.concatenate([xy, np.where(np.isfinite(xy[..., :1]), 1.0, np.nan)], axis=-1)
+
+    def jacobian(self, xy: ArrayLike) -> FloatArray:
+        """Return how pixels move with directions.
+
+        Parameters
+        ----------
+        xy : (..., 2) array
+            ``X / Z, Y / Z`` of directions.
+
+        Returns
+        -------
+        (..., 2, 2) array
+            ``d (u, v) / d (X / Z, Y / Z)`` [px].
+        """
+        at = stack(xy, (2,), "xy")
+        slopes = self._slopes(at.reshape(-1, 2)).reshape(*at.shape, 2)
+        return np.asarray(slopes * self._focal[:, None])
+
+    @cached_property
+    def reach(self) -> float:
+        """Tangent of the angle to the axis up to which no two directions share a pixel; infinite without distortion.
+
+        The largest radius about the axis within which the symmetric part of the derivative of the distortion is positive definite: on a
+        disc, which is convex, that makes the map one to one. For a lens with radial distortion alone this is exactly where
+        ``r (1 + k1 r^2 + ...)`` stops growing.
+        """
+        if not self.distortion.any():
+            return np.inf
+        radial = self._radial_reach()
+        if not self._bent:
+            return radial
+        angles = np.arange(_RAYS) * (2 * np.pi / _RAYS)
+        radii = np.geomspace(1e-3, min(radial, _WIDEST), _RADII)
+        rays = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        J = self._slopes((radii[:, None, None] * rays).reshape(-1, 2)).reshape(_RADII, _RAYS, 2, 2)
+        mean, half = (J[..., 0, 0] + J[..., 1, 1]) / 2, (J[..., 0, 0] - J[..., 1, 1]) / 2
+        least = (mean - np.hypot(half, (J[..., 0, 1] + J[..., 1, 0]) / 2)).min(axis=1)
+        folded = np.flatnonzero(least <= 0)
+        if not folded.size:
+            return radial
+        return float(radii[max(folded[0] - 1, 0)])
+
+    def _radial_reach(self) -> float:
+        """Smallest radius at which ``r N(r^2) / D(r^2)`` stops growing, or D vanishes."""
+        k1, k2, _, _, k3, k4, k5, k6, *_ = self._coefficients
+        N, D = np.polynomial.Polynomial([1, k1, k2, k3]), np.polynomial.Polynomial([1, k4, k5, k6])
+        t = np.polynomial.Polynomial([0, 1])
+        roots = np.concatenate([p.trim().roots() for p in (N * D + 2 * t * (N.deriv() * D - N * D.deriv()), D)])
+        real = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots)) & (roots.real > 0)]
+        return float(np.sqrt(real.min(initial=np.inf)))
+
+    @cached_property
+    def _coefficients(self) -> tuple[float, ...]:
+        return tuple(np.pad(self.distortion, (0, 12 - self.distortion.size)).tolist())
+
+    @property
+    def _focal(self) -> FloatArray:
+        return np.asarray(self.matrix[[0, 1], [0, 1]])
+
+    @property
+    def _bent(self) -> bool:
+        """Whether there is more than radial distortion."""
+        return any(self._coefficients[i] != 0 for i in (2, 3, 8, 9, 10, 11))
+
+    @cached_property
+    def _radial_table(self) -> tuple[FloatArray, FloatArray]:
+        """Radii with and without distortion, both growing."""
+        widest = np.arctan(min(self.reach, _WIDEST))
+        radii = np.tan(np.linspace(0.0, widest, 2048))
+        k1, k2, _, _, k3, k4, k5, k6, *_ = self._coefficients
+        r2 = radii * radii
+        return radii * (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6))), radii
+
+    def _distorted(self, xy: FloatArray) -> FloatArray:
+        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = self._coefficients
+        x, y = xy[:, 0], xy[:, 1]
+        r2 = x * x + y * y
+        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+        out = xy * radial[:, None]
+        if self._bent:
+            out[:, 0] += 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + r2 * (s1 + r2 * s2)
+            out[:, 1] += p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + r2 * (s3 + r2 * s4)
+        return out
+
+    def _slopes(self, xy: FloatArray) -> FloatArray:
+        """``d distort / d (x, y)``, ``(n, 2, 2)``."""
+        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = self._coefficients
+        x, y = xy[:, 0], xy[:, 1]
+        r2 = x * x + y * y
+        N, D = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+        radial = N / D
+        slope = 2 * ((k1 + r2 * (2 * k2 + r2 * 3 * k3)) - radial * (k4 + r2 * (2 * k5 + r2 * 3 * k6))) / D
+        J = np.empty((len(xy), 2, 2))
+        J[:, 0, 0] = radial + x * x * slope
+        J[:, 0, 1] = J[:, 1, 0] = x * y * slope
+        J[:, 1, 1] = radial + y * y * slope
+        if self._bent:
+            prism_x, prism_y = 2 * (s1 + 2 * s2 * r2), 2 * (s3 + 2 * s4 * r2)
+            both = 2 * (p1 * x + p2 * y)
+            J[:, 0, 0] += 2 * p1 * y + 6 * p2 * x + prism_x * x
+            J[:, 0, 1] += both + prism_x * y
+            J[:, 1, 0] += both + prism_y * x
+            J[:, 1, 1] += 6 * p1 * y + 2 * p2 * x + prism_y * y
+        return J
+
+    def _undistorted(self, bent: FloatArray) -> FloatArray:
+        """Newton's iteration for ``distort(xy) = bent``; NaN where it has no answer within reach."""
+        radius = np.hypot(bent[:, 0], bent[:, 1])
+        start = np.interp(radius, *self._radial_table)
+        xy = bent * (start / np.where(radius > 0, radius, 1.0))[:, None]
+        limit = min(self.reach, _WIDEST)
+        open_ = np.arange(len(bent))
+        for turn in range(_ITERATIONS):
+            at = xy[open_]
+            miss, J = self._distorted(at) - bent[open_], self._slopes(at)
+            det = J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0]
+            det = np.where(np.abs(det) > 1e-12, det, 1e-12)
+            step = np.empty_like(at)
+            step[:, 0] = (J[:, 1, 1] * miss[:, 0] - J[:, 0, 1] * miss[:, 1]) / det
+            step[:, 1] = (J[:, 0, 0] * miss[:, 1] - J[:, 1, 0] * miss[:, 0]) / det
+            new = at - step
+            r = np.hypot(new[:, 0], new[:, 1])
+            new *= np.minimum(1.0, limit / np.maximum(r, 1e-300))[:, None]
+            xy[open_] = new
+            lost = (
+                r > limit if turn > _PATIENCE else False
+            )  # it has been sent back to the edge so often that nothing is inside
+            open_ = open_[(np.abs(new - at).max(axis=1) > _STEP * (1 + r * r)) & ~np.asarray(lost)]
+            if not open_.size:
+                break
+        miss = np.abs(self._distorted(xy) - bent).max(axis=1)
+        found = miss <= _RESIDUAL * (1 + radius * radius)
+        return np.asarray(np.where(found[:, None], xy, np.nan))

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from pieper.perception.camera import Camera
 
-_STEP = 0.05  # px; the map is smooth over many pixels, and rounding is far below
-
 
 class View(Protocol):
     """From pixels to places, and back."""
@@ -107,12 +105,10 @@ class FieldView:
         (..., 2) array
             Places on the field [m]; NaN where the ray does not meet the plane before the camera.
         """
-        directions = self.camera.directions(uv) @ self.T_camera_field[:3, :3]  # rows, now in the frame of the field
-        eye = self.T_camera_field[:3, :3].T @ -self.T_camera_field[:3, 3]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            along = (np.asarray(height, dtype=np.float64) - eye[2]) / directions[..., 2]
-            p = eye[:2] + along[..., None] * directions[..., :2]
-        return np.where((along > 0)[..., None] & np.isfinite(p), p, np.nan)
+        seen = self.camera.directions(uv)
+        T = self.T_camera_field
+        p = self._along(seen, height)[..., None] * seen - T[:3, 3]
+        return np.asarray((p @ T[:3, :3])[..., :2])
 
     def to_image(self, p_field: ArrayLike, *, height: ArrayLike = 0.0) -> FloatArray:
         """Return the pixels of places.
@@ -135,16 +131,25 @@ class FieldView:
         return self.camera.project(p @ self.T_camera_field[:3, :3].T + self.T_camera_field[:3, 3])
 
     def jacobian(self, uv: ArrayLike, *, height: ArrayLike = 0.0) -> FloatArray:
-        """Return how places move with pixels, by central differences.
+        """Return how places move with pixels.
 
         Returns
         -------
         (..., 2, 2) array
-            ``d place / d pixel`` [m/px].
+            ``d place / d pixel`` [m/px]; NaN where `to_field` is.
         """
-        pixels = stack(uv, (2,), "uv")
-        columns = [
-            (self.to_field(pixels + step, height=height) - self.to_field(pixels - step, height=height)) / (2 * _STEP)
-            for step in np.eye(2) * _STEP
-        ]
-        return np.stack(columns, axis=-1)
+        seen = self.camera.directions(uv)
+        along = self._along(seen, height)
+        directions = seen @ self.T_camera_field[:3, :3]
+        per_direction = self.T_camera_field[:2, :3].T  # d directions / d (X / Z, Y / Z)
+        turned = per_direction[:2] - directions[..., :2, None] / directions[..., 2:, None] * per_direction[2]
+        known = np.isfinite(seen).all(axis=-1, keepdims=True)
+        per_pixel = np.linalg.inv(self.camera.jacobian(np.where(known, seen, 0.0)[..., :2]))
+        return np.asarray(along[..., None, None] * turned @ per_pixel)
+
+    def _along(self, seen: FloatArray, height: ArrayLike) -> FloatArray:
+        """How far along each direction the plane at a height is, NaN if not before the camera."""
+        T = self.T_camera_field
+        with np.errstate(divide="ignore", invalid="ignore"):
+            along = (np.asarray(height, dtype=np.float64) + T[:3, 2] @ T[:3, 3]) / (seen @ T[:3, 2])
+        return np.asarray(np.where((along > 0) & np.isfinite(along), along, np.nan))

@@ -1,0 +1,549 @@
+"""A lens, from pictures of a board: matrix, distortion, how well both are known, and what remains in the images.
+
+Zhang's method (A flexible new technique for camera calibration, 2000) as OpenCV solves it, with views chosen before and judged after.
+
+How many coefficients of distortion: five (k1, k2, p1, p2, k3), unless
+
+- the corners stay within 60 % of the way from the centre to the corner of the image: then four, since k3 would be free where nothing was seen;
+- eight (the rational model) lower the error in views that were not fitted by more than 10 %: then eight;
+- the polynomial folds inside the image: then the next simpler one, for a fold is no lens.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pieper._version import __version__
+from pieper.errors import VisionError
+from pieper.perception.calibration_file import COEFFICIENTS, save_camera
+from pieper.perception.camera import Camera
+from pieper.perception.opencv import opencv
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from pieper.perception.board import Board
+    from pieper.perception.frame import Image
+    from pieper.spatial._checks import FloatArray
+
+LEAST_VIEWS = 4
+"""Three determine a lens; the fourth can contradict."""
+
+PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm")
+
+_MOST_LOOKED_AT = 400  # frames of a video
+_MOST_VIEWS = 40
+_SHARP = 0.6  # of the sharpest quarter: less is blurred
+_NEAR = 0.04  # poses nearer than this, in the shares of the image in which they are compared, say the same
+_ODD, _NEVER_ODD = 3.0, 0.15  # a view is left out above 3 medians, and above 0.15 px
+_SEEN = 0.6  # of the way to the corner of the image
+_WORTH = 0.9  # error of the larger model in views that were not fitted, over that of the smaller
+_MEDIAN_OF = 25
+_CELLS = (8, 6)
+_SAME_SIDE = np.radians(10.0)
+
+
+@dataclass(frozen=True, eq=False)
+class BoardView:
+    """A board in one image: its name, corners by row of `Board.corners`, their pixels, and how sharp its edges are."""
+
+    name: str
+    ids: NDArray[np.int64]
+    uv: FloatArray
+    sharpness: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class BoardViews:
+    """What `find_views` found: the views, the size of the images [px], how many images were looked at, and what was left out, in words."""
+
+    views: tuple[BoardView, ...]
+    size: tuple[int, int]
+    looked_at: int
+    left_out: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class CameraCalibration:
+    """A lens, and the evidence for it.
+
+    Attributes
+    ----------
+    camera : Camera
+    deviation : dict of str to float
+        Standard deviations of ``fx, fy, cx, cy`` [px] and of the coefficients, to first order from the residuals.
+    views : tuple of BoardView
+        Those that were used.
+    residuals : tuple of (n, 2) arrays
+        Of each view: seen minus projected [px].
+    Ts_camera_board : (views, 4, 4) array
+        Poses of the board.
+    left_out : tuple of str
+        Which views were not used, and why.
+    reason : str
+        Why the distortion has as many coefficients as it has.
+    board : Board
+    """
+
+    camera: Camera
+    deviation: dict[str, float]
+    views: tuple[BoardView, ...]
+    residuals: tuple[FloatArray, ...]
+    Ts_camera_board: FloatArray
+    left_out: tuple[str, ...]
+    reason: str
+    board: Board
+
+    @property
+    def view_rms(self) -> FloatArray:
+        """RMS distance of each view [px]."""
+        return np.array([_rms(r) for r in self.residuals])
+
+    @property
+    def rms(self) -> float:
+        """RMS distance of all corners [px]."""
+        return _rms(np.concatenate(self.residuals))
+
+    @property
+    def worst(self) -> tuple[float, str]:
+        """Largest distance [px], and the view that has it."""
+        sizes = [float(np.hypot(*r.T).max()) for r in self.residuals]
+        return max(sizes), self.views[int(np.argmax(sizes))].name
+
+    @property
+    def coverage(self) -> NDArray[np.int64]:
+        """Corners seen in each cell of the image, ``(6, 8)``."""
+        uv = np.concatenate([view.uv for view in self.views])
+        edges = [np.linspace(-0.5, n - 0.5, cells + 1) for n, cells in zip(self.camera.size, _CELLS, strict=True)]
+        return np.histogram2d(uv[:, 1], uv[:, 0], bins=[edges[1], edges[0]])[0].astype(np.int64)
+
+    def report(self) -> str:
+        """Return the figures in lines for people."""
+        K, d = self.camera.matrix, self.camera.distortion
+        values = dict(
+            zip(("fx", "fy", "cx", "cy", *COEFFICIENTS), [K[0, 0], K[1, 1], K[0, 2], K[1, 2], *d], strict=False)
+        )
+        worst, where = self.worst
+        used = (self.coverage > 0).mean()
+        lines = [f"{name:>3}  {value:.6g} +- {self.deviation.get(name, 0.0):.2g}" for name, value in values.items()]
+        lines += [
+            f"residual  RMS {self.rms:.3f} px over {sum(map(len, self.residuals))} corners, worst {worst:.3f} px in {where}",
+            f"coverage  corners in {used:.0%} of the image's {_CELLS[0]} x {_CELLS[1]} cells",
+            f"distortion  {self.reason}",
+        ]
+        lines += [
+            f"{rms:.3f} px  {len(v.ids)} corners  {v.name}" for rms, v in zip(self.view_rms, self.views, strict=True)
+        ]
+        return "\n".join(lines + [f"left out  {words}" for words in self.left_out])
+
+    def save(self, path: str | Path, *, sources: Iterable[str] = ()) -> None:
+        """Write ``camera.yaml``, with deviations, residuals and provenance."""
+        worst, where = self.worst
+        save_camera(
+            path,
+            self.camera,
+            model={"coefficients": int(self.camera.distortion.size), "reason": self.reason},
+            deviation={name: _short(value) for name, value in self.deviation.items()},
+            residual={
+                "rms_px": _short(self.rms),
+                "worst_px": _short(worst),
+                "worst_view": where,
+                "corners": sum(map(len, self.residuals)),
+                "cells_covered": _short(float((self.coverage > 0).mean())),
+                "views": [
+                    {"name": view.name, "rms_px": _short(float(rms)), "corners": len(view.ids)}
+                    for view, rms in zip(self.views, self.view_rms, strict=True)
+                ],
+                "left_out": list(self.left_out),
+            },
+            provenance={
+                "board": str(self.board),
+                "sources": [str(s) for s in sources],
+                "made": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+                "by": f"pieper {__version__}, OpenCV {opencv('a calibration').__version__}",
+            },
+        )
+
+
+def find_views(
+    sources: Sequence[str | Path],
+    board: Board,
+    *,
+    most: int = _MOST_VIEWS,
+    progress: Callable[[int, int], None] | None = None,
+) -> BoardViews:
+    """Find a board in images, folders of images and videos.
+
+    Of a video, 400 frames at most are looked at, evenly; those that are not sharp (less than 0.6 of the sharpest quarter) are left out, and of
+    the rest those whose poses differ most are taken. Of images, all are taken, unless there are more than `most`.
+
+    Parameters
+    ----------
+    sources : list of str or Path
+    board : Board
+    most : int
+        Views that are kept.
+    progress : callable, optional
+        Told how many images of how many have been looked at.
+
+    Raises
+    ------
+    VisionError
+        A file cannot be read, sizes differ, or the board is in fewer than four images.
+    """
+    found: list[BoardView] = []
+    first: tuple[str, tuple[int, int]] | None = None
+    looked_at, from_video = 0, False
+    for name, image, total, video in _images(sources):
+        looked_at += 1
+        size = (image.shape[1], image.shape[0])
+        first = first or (name, size)
+        if size != first[1]:
+            raise VisionError(
+                f"{name} is {size[0]} x {size[1]} pixels and {first[0]} is {first[1][0]} x {first[1][1]}; one lens at one resolution "
+                "has one size, so calibrate them apart"
+            )
+        corners = board.find(image)
+        if corners is not None:
+            found.append(BoardView(name, *corners, sharpness=_sharpness(image, corners[1])))
+        from_video |= video
+        if progress is not None:
+            progress(looked_at, max(total, looked_at))
+    if first is None:
+        raise VisionError("there is no image to look at")
+    if len(found) < LEAST_VIEWS:
+        raise VisionError(_too_few(board, len(found), looked_at))
+    chosen, left_out = _chosen(found, board, first[1], most, spread=from_video or len(found) > most)
+    if len(chosen) < LEAST_VIEWS:
+        raise VisionError(
+            f"{_too_few(board, len(found), looked_at)}; of these only {len(chosen)} are sharp and differ in pose"
+        )
+    return BoardViews(tuple(chosen), first[1], looked_at, tuple(left_out))
+
+
+def _too_few(board: Board, found: int, looked_at: int) -> str:
+    hint = "a chessboard counts inner corners" if board.kind == "chessboard" else "a ChArUco board counts squares"
+    words = f"the board {board} was found in {found} of {looked_at} images, and {LEAST_VIEWS} are needed, better 15"
+    return (
+        f"{words}; is it the board that was printed ({hint}), whole, sharp and lit?" if found < LEAST_VIEWS else words
+    )
+
+
+def calibrate_camera(found: BoardViews, board: Board, *, coefficients: int | None = None) -> CameraCalibration:
+    """Calibrate a lens.
+
+    Parameters
+    ----------
+    found : BoardViews
+    board : Board
+    coefficients : 0, 4, 5 or 8, optional
+        Of distortion; by the rule above if not given.
+
+    Raises
+    ------
+    VisionError
+        Too few views, views that contradict each other, or boards that are all seen from one side.
+    """
+    if coefficients not in (None, 0, 4, 5, 8):
+        raise VisionError(f"the distortion can have 0, 4, 5 or 8 coefficients, got {coefficients}")
+    if len(found.views) < LEAST_VIEWS:
+        raise VisionError(f"{LEAST_VIEWS} views are needed, better 15, got {len(found.views)}")
+    number, reason = coefficients, "as asked for"
+    if number is None:
+        number, reason = _by_reach(found)
+    views, left_out, solution = _without_odd(found, board, number)
+    if coefficients is None and number == 5:
+        ratio = _held_out(views, board, found.size, 8) / max(_held_out(views, board, found.size, 5), 1e-9)
+        if ratio < _WORTH:
+            number, reason = 8, f"8: the error in views that were not fitted is {ratio:.2f} of that with 5"
+            views, left_out, solution = _without_odd(found, board, number)
+        else:
+            reason = "5, the default: 8 do no better in views that were not fitted"
+    if coefficients is None:
+        while number and _folds(solution.camera):
+            simpler = {8: 5, 5: 4, 4: 0}[number]
+            reason = f"{simpler}: with {number} the polynomial folds inside the image"
+            number = simpler
+            views, left_out, solution = _without_odd(found, board, number)
+    normals = solution.poses[:, :3, 2]
+    if np.arccos(np.clip(normals @ normals.T, -1, 1)).max() < _SAME_SIDE:
+        raise VisionError(
+            "every board is seen from nearly the same side (within 10 deg), which leaves the focal length open; tilt it by 30 deg and more, "
+            "to all sides"
+        )
+    return CameraCalibration(
+        solution.camera,
+        solution.deviation,
+        tuple(views),
+        tuple(solution.residuals),
+        solution.poses,
+        (*found.left_out, *left_out),
+        reason,
+        board,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    camera: Camera
+    deviation: dict[str, float]
+    poses: FloatArray
+    residuals: list[FloatArray]
+
+
+def _solve(views: Sequence[BoardView], board: Board, size: tuple[int, int], number: int) -> _Solution:
+    cv2 = opencv("a calibration")
+    flags = {
+        0: cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3,
+        4: cv2.CALIB_FIX_K3,
+        5: 0,
+        8: cv2.CALIB_RATIONAL_MODEL,
+    }[number]
+    objects = [np.pad(board.corners[v.ids], ((0, 0), (0, 1))).astype(np.float32).reshape(-1, 1, 3) for v in views]
+    pixels = [v.uv.astype(np.float32).reshape(-1, 1, 2) for v in views]
+    until = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-12)
+    try:
+        _, K, d, rotations, shifts, deviation, _, _ = cv2.calibrateCameraExtended(
+            objects, pixels, size, None, None, flags=flags, criteria=until
+        )
+    except cv2.error as error:
+        raise VisionError(f"OpenCV finds no lens for these views: {error.err}") from None
+    K[0, 1] = 0.0
+    try:
+        camera = Camera(K, np.ravel(d)[:number], size)
+    except ValueError as error:
+        raise VisionError(f"these views give no lens ({error}); more views that differ more may") from None
+    poses = np.array([_pose(cv2, r, t) for r, t in zip(rotations, shifts, strict=True)])
+    residuals = [_residual(view, board, camera, T) for view, T in zip(views, poses, strict=True)]
+    names = ("fx", "fy", "cx", "cy", *COEFFICIENTS)
+    deviations = {name: float(s) for name, s in zip(names, np.ravel(deviation)[: 4 + number], strict=False)}
+    return _Solution(camera, deviations, poses, residuals)
+
+
+def _pose(cv2: Any, rotation: Any, shift: Any) -> FloatArray:
+    T = np.eye(4)
+    T[:3, :3] = cv2.Rodrigues(np.asarray(rotation, dtype=np.float64))[0]
+    T[:3, 3] = np.ravel(shift)
+    return T
+
+
+def _residual(view: BoardView, board: Board, camera: Camera, T: FloatArray) -> FloatArray:
+    p = board.corners[view.ids] @ T[:3, :2].T + T[:3, 3]
+    return np.asarray(np.nan_to_num(view.uv - camera.project(p), nan=1e3))  # beyond the reach of the lens: far off
+
+
+def _short(number: float) -> float:
+    """Four digits, for people."""
+    return float(f"{number:.4g}")
+
+
+def _rms(residual: FloatArray) -> float:
+    return float(np.sqrt((residual**2).sum(axis=-1).mean()))
+
+
+def _without_odd(found: BoardViews, board: Board, number: int) -> tuple[list[BoardView], list[str], _Solution]:
+    """Leave out the worst view and solve again, until none stands out."""
+    views, left_out = list(found.views), []
+    while True:
+        solution = _solve(views, board, found.size, number)
+        rms = np.array([_rms(r) for r in solution.residuals])
+        limit = max(_ODD * float(np.median(rms)), _NEVER_ODD)
+        worst = int(rms.argmax())
+        if rms[worst] <= limit:
+            return views, left_out, solution
+        if len(views) <= max(LEAST_VIEWS, 2 * len(found.views) // 3):
+            names = ", ".join(left_out) or views[worst].name
+            raise VisionError(
+                f"the views contradict each other: a third of {len(found.views)} would have to be left out ({names}); "
+                "is the board flat, and its size as given?"
+            )
+        left_out.append(f"{views[worst].name}: {rms[worst]:.2f} px RMS, where the others have {np.median(rms):.2f}")
+        del views[worst]
+
+
+def _by_reach(found: BoardViews) -> tuple[int, str]:
+    centre = (np.array(found.size) - 1) / 2
+    away = np.concatenate([np.hypot(*(view.uv - centre).T) for view in found.views])
+    share = float(np.quantile(away, 0.99) / np.hypot(*centre))
+    if share < _SEEN:
+        return 4, f"4: corners reach {share:.0%} of the way to the corner of the image, too little for k3"
+    return 5, "5, the default"
+
+
+def _held_out(views: Sequence[BoardView], board: Board, size: tuple[int, int], number: int) -> float:
+    """RMS [px] in the views of either half, with the lens of the other and poses of their own."""
+    cv2 = opencv("a calibration")
+    if len(views) < 2 * LEAST_VIEWS:
+        return 1.0  # too few to tell: the ratio is then 1
+    missed = []
+    for half in (0, 1):
+        try:
+            camera = _solve(views[1 - half :: 2], board, size, number).camera
+        except VisionError:
+            return np.inf
+        for view in views[half::2]:
+            p = np.pad(board.corners[view.ids], ((0, 0), (0, 1)))
+            done, rotation, shift = cv2.solvePnP(p, view.uv, camera.matrix, camera.distortion)
+            missed.append(_residual(view, board, camera, _pose(cv2, rotation, shift)) if done else np.full((1, 2), 1e3))
+    return _rms(np.concatenate(missed))
+
+
+def _folds(camera: Camera) -> bool:
+    """Whether a pixel at the edge of the image has no direction."""
+    width, height = camera.size
+    u, v = np.linspace(0, width - 1, 17), np.linspace(0, height - 1, 17)
+    edge = np.concatenate([np.stack(np.broadcast_arrays(u, y), -1) for y in (0, height - 1)])
+    side = np.concatenate([np.stack(np.broadcast_arrays(x, v), -1) for x in (0, width - 1)])
+    return not np.isfinite(camera.directions(np.concatenate([edge, side]))).all()
+
+
+def _sharpness(image: Image, uv: FloatArray) -> float:
+    """How steep the edges of the board are: the steepest hundredth of the gradients over the contrast [1/px]."""
+    cv2 = opencv("a calibration")
+    low = np.maximum(np.floor(uv.min(axis=0)).astype(int), 0)
+    high = np.ceil(uv.max(axis=0)).astype(int) + 1
+    patch = image[low[1] : high[1], low[0] : high[0]]
+    gray = (cv2.cvtColor(patch, cv2.COLOR_BGR2GRAY) if patch.ndim == 3 else patch).astype(np.float32)
+    if min(gray.shape) < 8:
+        return 0.0
+    steep = np.hypot(cv2.Sobel(gray, cv2.CV_32F, 1, 0), cv2.Sobel(gray, cv2.CV_32F, 0, 1)) / 8
+    dark, light = np.quantile(gray, [0.05, 0.95])
+    return float(np.quantile(steep, 0.99) / max(light - dark, 1.0))
+
+
+def _chosen(
+    found: list[BoardView], board: Board, size: tuple[int, int], most: int, *, spread: bool
+) -> tuple[list[BoardView], list[str]]:
+    """Those that are sharp, and of these the ones that differ most."""
+    if not spread:
+        return found, []
+    sharp = np.array([view.sharpness for view in found])
+    limit = _SHARP * float(np.quantile(sharp, 0.75))
+    kept = [view for view in found if view.sharpness >= limit]
+    left_out = [f"{len(found) - len(kept)} views: not sharp"] if len(kept) < len(found) else []
+    where = np.array([_descriptor(view, board, size) for view in kept])
+    order = [int(np.argmax([len(view.ids) for view in kept]))]
+    apart = np.linalg.norm(where - where[order[0]], axis=1)
+    while len(order) < min(most, len(kept)) and apart.max() > _NEAR:
+        order.append(int(apart.argmax()))
+        apart = np.minimum(apart, np.linalg.norm(where - where[order[-1]], axis=1))
+    if len(order) < len(kept):
+        left_out.append(f"{len(kept) - len(order)} views: nearly the pose of others")
+    return [kept[i] for i in sorted(order)], left_out
+
+
+def _descriptor(view: BoardView, board: Board, size: tuple[int, int]) -> FloatArray:
+    """Where the board's four outer corners would be, in shares of the image."""
+    cv2 = opencv("a calibration")
+    H, _ = cv2.findHomography(board.corners[view.ids], view.uv)
+    if H is None:
+        return np.asarray(np.tile(view.uv.mean(axis=0) / size, 4))
+    width, height = board.size
+    outer = np.array([[[0, 0]], [[width, 0]], [[width, height]], [[0, height]]], dtype=np.float64)
+    return np.asarray(np.clip(cv2.perspectiveTransform(outer, H).reshape(4, 2) / size, -2, 3).reshape(-1) / 2)
+
+
+def _images(sources: Sequence[str | Path]) -> Iterator[tuple[str, Image, int, bool]]:
+    """Name, image, how many there will be, and whether it is of a video."""
+    cv2 = opencv("reading images")
+    files: list[Path] = []
+    for source in map(Path, sources):
+        if source.is_dir():
+            inside = sorted(p for p in source.iterdir() if p.suffix.lower() in PICTURES)
+            if not inside:
+                raise VisionError(f"{source}: the folder has no images ({', '.join(PICTURES)})")
+            files += inside
+        elif not source.exists():
+            raise FileNotFoundError(2, "no such file or folder", str(source))
+        else:
+            files.append(source)
+    for file in files:
+        if file.suffix.lower() in PICTURES:
+            yield file.name, read_image(file), len(files), False
+            continue
+        video = cv2.VideoCapture(str(file))
+        try:
+            if not video.isOpened():
+                raise VisionError(f"{file}: is no image and no video that OpenCV can read")
+            count = max(int(video.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
+            every = max(1, -(-count // _MOST_LOOKED_AT))
+            index = 0
+            while video.grab():
+                if index % every == 0:
+                    done, frame = video.retrieve()
+                    if done:
+                        yield f"{file.name}#{index}", frame, max(1, -(-count // every)), True
+                index += 1
+            if index == 0:
+                raise VisionError(f"{file}: the video has no frame that can be read")
+        finally:
+            video.release()
+
+
+def read_image(path: str | Path) -> Image:
+    """Read an image file as blue, green, red of 8 bits.
+
+    Raises
+    ------
+    OSError
+        The file is not there.
+    VisionError
+        It is no image.
+    """
+    cv2 = opencv("reading images")
+    raw = np.frombuffer(Path(path).read_bytes(), dtype=np.uint8)
+    image = cv2.imdecode(raw, cv2.IMREAD_COLOR) if raw.size else None
+    if image is None:
+        raise VisionError(f"{path}: is no image that OpenCV can read")
+    return np.asarray(image)
+
+
+def read_view(path: str | Path, *, frame: int | None = None) -> Image:
+    """Read what a camera that stands still sees: an image, or of a video one frame, or the median of 25, which leaves out what moves.
+
+    Raises
+    ------
+    OSError
+        The file is not there.
+    VisionError
+        It cannot be read, or has no such frame.
+    """
+    path = Path(path)
+    if path.suffix.lower() in PICTURES:
+        if frame is not None:
+            raise VisionError(f"{path}: an image has no frame {frame}; give a video")
+        return read_image(path)
+    if not path.exists():
+        raise FileNotFoundError(2, "no such file", str(path))
+    cv2 = opencv("reading a video")
+    video = cv2.VideoCapture(str(path))
+    try:
+        if path.is_dir() or not video.isOpened():
+            raise VisionError(f"{path}: is no image and no video that OpenCV can read")
+        count = max(int(video.get(cv2.CAP_PROP_FRAME_COUNT)), 1)
+        every = max(1, count // _MEDIAN_OF)
+        kept: list[Image] = []
+        index = 0
+        while video.grab() and len(kept) < _MEDIAN_OF:  # in order: to jump to a frame is inexact with many codecs
+            if index == frame or (frame is None and index % every == 0):
+                done, image = video.retrieve()
+                if done:
+                    kept.append(np.asarray(image))
+                if frame is not None:
+                    break
+            index += 1
+    finally:
+        video.release()
+    if not kept:
+        what = f"frame {frame}; it has {index}" if frame is not None and index else "frame that can be read"
+        raise VisionError(f"{path}: the video has no {what}")
+    if any(image.shape != kept[0].shape for image in kept):
+        raise VisionError(f"{path}: the size of the images changes in the video; give one frame of it with --frame")
+    return np.asarray(np.median(np.stack(kept), axis=0).astype(np.uint8))
