@@ -27,6 +27,7 @@ from cv2.typing import MatLike
 
 from pieper._native import kernels
 from pieper.perception.color_table import ColorTable
+from pieper.perception.report import gaussian_mask
 from pieper.perception.segment import segment
 
 COLORS = {"red": (25, 75, 225), "blue": (225, 80, 30), "green": (60, 225, 40)}
@@ -106,9 +107,7 @@ def report(models: dict[str, tuple[np.ndarray, np.ndarray]], radius: float) -> C
         hsv = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
         found = {}
         for name, (mean, covariance) in models.items():
-            difference = hsv.astype(np.float64) - mean
-            distance = np.sqrt(np.sum(difference @ np.linalg.inv(covariance) * difference, axis=2))
-            mask = np.where(distance < DISTANCE, 255, 0).astype(np.uint8)
+            mask = gaussian_mask(hsv, mean, covariance, DISTANCE)
             mask = cv2.dilate(cv2.erode(mask, kernel, iterations=1), kernel, iterations=2)
             contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
             circles = [cv2.minEnclosingCircle(contour) for contour in contours]
