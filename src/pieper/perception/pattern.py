@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from scipy.special import chdtri
 
 from pieper.errors import VisionError, unknown_name
 from pieper.perception.sighting import Sighting
@@ -44,10 +45,12 @@ BUILT_IN = ("report", "ssl", "vsss", "circles")
 
 FORMAT = "pieper patterns 1"
 
-_PIXEL_FLOOR = 0.03  # px; error of a centroid that its covariance does not know of: the grid, light from one side
+_PIXEL_FLOOR = 0.01  # px; error of a centroid that its covariance does not know of: the grid, light from one side
 _BALL_ROUND = 0.6  # circularity of a ball that is partly hidden
 _BALL_AREA = (0.25, 3.0)  # of what a ball of its size would cover
-_AREA_NOISE = 0.1  # share of the area of a marker that may lack without it being cut off
+_AREA_NOISE = 0.03  # of the share of its usual area that a marker has, to begin with; learnt as the area is
+_SIZES = (0.5, 1.7)  # radius of a blob over that of its marker
+_MISFIT = 1e-3  # probability of a misfit that is put down to what the covariances do not know
 _AREA_PACE = 0.05  # of what is learnt of the area of a marker, from one sight of it
 _CUT = 0.9  # radii by which the centroid of a disc moves that lost a half of its area and more, per share lost over share left
 _ROUNDS = 3  # of the search, the later ones among the blobs that are left
@@ -398,9 +401,9 @@ class PatternFinder:
     >>> from pieper.perception.blobs import Blobs
     >>> from pieper.perception.field_view import PixelView
     >>> league = load_patterns("report")
-    >>> seen = np.array([[100, 100], [130, 100], [115, 85], [115, 115]]) + 0.0  # 3 mm to a pixel
-    >>> blobs = Blobs(("red", "green", "blue"), np.array([2, 0, 1, 1]), seen, np.tile(np.eye(2) * 1e-3, (4, 1, 1)),
-    ...               np.full(4, 177.0), np.zeros((4, 4), np.int64), np.ones(4))
+    >>> seen = np.array([[100, 100], [130, 100], [115, 79], [115, 121]]) + 0.0  # 3 mm to a pixel
+    >>> blobs = Blobs(("red", "green", "blue"), np.array([0, 2, 1, 1]), seen, np.tile(np.eye(2) * 1e-3, (4, 1, 1)),
+    ...               np.full(4, 380.0), np.zeros((4, 4), np.int64), np.ones(4))
     >>> robot, = PatternFinder(league, PixelView(), mm_per_px=3.0).find(blobs)
     >>> robot.name, np.round(robot.position, 1).tolist(), abs(round(robot.heading, 3))
     ('robot', [115.0, 100.0], 0.0)
@@ -416,6 +419,7 @@ class PatternFinder:
         self._shapes = _shapes([r for r in patterns.robots if len(r.markers) > 1], mirrored=not self._metric)
         self._single = [r for r in patterns.robots if len(r.markers) == 1]
         self._areas = [np.full(len(shape.places), np.nan) for shape in self._shapes]
+        self._scatter = [_AREA_NOISE**2 for _ in self._shapes]
         self._tables: dict[tuple[str, ...], list[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]]] = {}
 
     def forget(self) -> None:
@@ -542,7 +546,7 @@ class PatternFinder:
         if not len(blob):
             return None
         blob = blob[_different(blob)]
-        return self._scored(k, rows, blob, z, color, colors, scale)
+        return self._scored(k, rows, blob, z, levels, color, colors, scale)
 
     def _scored(
         self,
@@ -550,6 +554,7 @@ class PatternFinder:
         rows: NDArray[np.int64],
         blob: NDArray[np.int64],
         z: NDArray[np.complex128],
+        levels: _Levels,
         color: NDArray[np.int64],
         colors: NDArray[np.int64],
         scale: float,
@@ -558,6 +563,9 @@ class PatternFinder:
         shape = self._shapes[k]
         gate = shape.gate * scale
         there = blob >= 0
+        if shape.radii.min() > 0:
+            size = levels.radii(shape.heights[-1])[rows][blob] / (shape.radii * scale)
+            there &= (size > _SIZES[0]) & (size < _SIZES[1])
         right = (color[blob][:, None, :] == colors[None]) & there[:, None, :]
         good = right.sum(axis=2)
         which = good.argmax(axis=1)
@@ -647,6 +655,10 @@ class PatternFinder:
             step = (covariance @ (AW @ r[..., None]).sum(axis=1))[..., 0]
             origin = origin + step[:, 0] + 1j * step[:, 1]
             turn = turn * np.exp(1j * step[:, 2])
+        # A misfit that the covariances of the markers do not explain is laid on that of the robot (Birge's ratio).
+        freedom = 2.0 * there.sum(axis=1) - 3.0
+        misfit = (r[..., None, :] @ W @ r[..., None])[..., 0, 0].sum(axis=1)
+        covariance *= np.where(misfit > chdtri(freedom, _MISFIT), misfit / freedom, 1.0)[:, None, None]
         near = np.exp(-2.0 * (np.abs(off) / (shape.gate * scale)) ** 2)
         confidence = (near * there).sum(axis=1) / len(shape.places)
         found = []
@@ -670,20 +682,19 @@ class PatternFinder:
     ) -> FloatArray:
         """How far the centroid of each marker may be off because something hides a part of it, from what it lacks of its usual area."""
         shape, usual = self._shapes[k], self._areas[k]
-        area = np.where(there, levels.blobs.area[rows], np.nan)
-        radius = np.sqrt(area / np.pi)
-        if self._metric:
-            area = area / np.where(there, levels.pixels_per_unit(shape.heights[-1])[rows], 1.0) ** 2
-            radius = np.sqrt(area / np.pi)
+        radius = np.where(there, levels.radii(shape.heights[-1])[rows], np.nan)
+        area = (radius / scale) ** 2
         if np.isnan(usual).any():
             first = np.nanmax(np.where(there, area, np.nan), axis=0, initial=0.0)
             usual = self._areas[k] = np.where(np.isnan(usual) & (first > 0), first, usual)
         with np.errstate(invalid="ignore"):
             share = area / usual[None]
-            whole = share > 1.0 - 2.0 * _AREA_NOISE
+            whole = np.abs(share - 1.0) < max(3.0 * np.sqrt(self._scatter[k]), _AREA_NOISE)
         for n in np.flatnonzero(whole.any(axis=0)):
             usual[n] *= 1.0 + _AREA_PACE * (float(share[whole[:, n], n].mean()) - 1.0)
-        lost = np.clip(np.nan_to_num(1.0 - share - _AREA_NOISE), 0.0, 0.9)
+        if whole.any():
+            self._scatter[k] += _AREA_PACE * (float(((share[whole] - 1.0) ** 2).mean()) - self._scatter[k])
+        lost = np.clip(np.nan_to_num(1.0 - share - 2.0 * np.sqrt(self._scatter[k])), 0.0, 0.9)
         return np.asarray(_CUT * np.nan_to_num(radius) * lost / (1.0 - lost))
 
     def _find_scale(self, blobs: Blobs, levels: _Levels) -> float | None:
@@ -796,8 +807,12 @@ class _Levels:
         """Which blobs have about the size of a marker of a shape."""
         if shape.radii.min() <= 0:
             return np.ones(len(self.blobs), dtype=bool)
-        radius = self.blobs.radius / (self.pixels_per_unit(shape.heights[0]) * scale)
-        return np.asarray((radius > 0.35 * shape.radii.min()) & (radius < 2.0 * shape.radii.max()))
+        radius = self.radii(shape.heights[-1]) / scale
+        return np.asarray((radius > _SIZES[0] * shape.radii.min()) & (radius < _SIZES[1] * shape.radii.max()))
+
+    def radii(self, height: float) -> FloatArray:
+        """Radii of discs of the areas of the blobs, in units."""
+        return self.blobs.radius / self.pixels_per_unit(height)
 
 
 def _shapes(robots: Sequence[Pattern], *, mirrored: bool) -> list[_Shape]:

@@ -37,6 +37,7 @@ _TURN = 2.0 * np.pi
 _UNKNOWN_HEADING = np.pi**2 / 3.0  # variance of an angle of which nothing is known
 _PIXELS_PER_METRE = 400.0  # of a camera over a small field; for the defaults in pixels alone
 _PLANE = [0, 1, 3, 4]  # rows of the state of what has no heading
+_JOLT = 1e-3  # probability of an innovation that is put down to a jolt
 _ROUNDING = 1e-9  # s; time stamps are sums of frame times
 
 
@@ -55,18 +56,23 @@ class Motion:
         As `acceleration`, of the heading [rad^2/s^3].
     turn_rate : float
         As `speed`, of the heading [rad/s].
+    jolt, turn_jolt : float
+        Further spectral densities [unit^2/s^3, rad^2/s^3], of starts, kicks and collisions: the gate allows for them, and a sighting that cannot
+        be explained without them (probability 0.001) is taken with them. 0 for a plain Kalman filter.
     """
 
     acceleration: float
     speed: float
-    turn_acceleration: float = 1.0
+    turn_acceleration: float = 0.3
     turn_rate: float = 6.0
+    jolt: float = 0.0
+    turn_jolt: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("acceleration", "speed", "turn_acceleration", "turn_rate"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise VisionError(f"{name} must be a positive number, got {value}")
+        for name in ("acceleration", "speed", "turn_acceleration", "turn_rate", "jolt", "turn_jolt"):
+            value, least = getattr(self, name), "at least 0" if "jolt" in name else "positive"
+            if not (np.isfinite(value) and (value > 0 or (value == 0 and "jolt" in name))):
+                raise VisionError(f"{name} must be a number that is {least}, got {value}")
 
 
 @dataclass(frozen=True)
@@ -113,7 +119,11 @@ class TrackerParameters:
     @classmethod
     def metres(cls) -> TrackerParameters:
         """Return what fits robots of a small league, of some m/s and some m/s^2."""
-        return cls(robot=Motion(0.1, 2.0), ball=Motion(1.0, 3.0), marker=Motion(0.5, 2.0), floor=1e-4, heading_floor=1e-3)
+        return cls(
+            robot=Motion(0.01, 2.0, jolt=10.0, turn_jolt=1000.0),
+            ball=Motion(0.05, 3.0, jolt=500.0),
+            marker=Motion(0.05, 2.0, jolt=10.0),
+        )
 
     @classmethod
     def pixels(cls) -> TrackerParameters:
@@ -121,7 +131,7 @@ class TrackerParameters:
         k = _PIXELS_PER_METRE
         m = cls.metres()
         robot, ball, marker = (
-            replace(motion, acceleration=motion.acceleration * k * k, speed=motion.speed * k)
+            replace(motion, acceleration=motion.acceleration * k * k, speed=motion.speed * k, jolt=motion.jolt * k * k)
             for motion in (m.robot, m.ball, m.marker)
         )
         return replace(m, robot=robot, ball=ball, marker=marker, floor=m.floor * k)
@@ -147,6 +157,7 @@ class _Track:
     seen: float
     heading: bool
     hits: int = 1
+    frames: int = 1
     misses: int = 0
     confirmed: bool = False
     sighting: int = -1
@@ -195,11 +206,14 @@ class Tracker:
         self._x: FloatArray = np.zeros((0, 6))
         self._P: FloatArray = np.zeros((0, 6, 6))
         self._q: FloatArray = np.zeros((0, 3))
+        self._jolt: FloatArray = np.zeros((0, 3))
+        self._dt = 0.0
         self._time: float | None = None
         self._late_time: float | None = None
         self._next = 1
         self._ended: list[Estimate] = []
         self._limits = [float(chdtri(dof, parameters.gate)) for dof in (1, 2, 3)]
+        self._likely = [float(chdtri(dof, _JOLT)) for dof in (1, 2, 3)]
 
     def step(self, time: float, sightings: Sequence[Sighting]) -> tuple[Estimate, ...]:
         """Take the sightings of one frame, in any order.
@@ -305,7 +319,8 @@ class Tracker:
         self._time = time
 
     def _predict(self, time: float) -> None:
-        self._x, self._P = _advanced(self._x, self._P, self._q, time - cast("float", self._time))
+        self._dt = time - cast("float", self._time)
+        self._x, self._P = _advanced(self._x, self._P, self._q, self._dt)
 
     # --- who is who
 
@@ -329,6 +344,7 @@ class Tracker:
         """Minus log-likelihood of each pair, up to a constant that makes it negative; 0 where the two cannot be the same."""
         d = seen.z[None, columns] - self._x[rows, None, :3]
         S = self._P[rows, None, :3, :3] + seen.R[None, columns]
+        S[..., (0, 1, 2), (0, 1, 2)] += self._jolted(rows, self._same_name(rows, columns, seen))
         a, b, c = S[..., 0, 0], S[..., 0, 1], S[..., 1, 1]
         area = a * c - b * b
         distance = (c * d[..., 0] ** 2 - 2.0 * b * d[..., 0] * d[..., 1] + a * d[..., 1] ** 2) / area
@@ -349,6 +365,14 @@ class Tracker:
             return np.zeros_like(cost)
         bonus = np.where(self._same_name(rows, columns, seen), 1e3, 0.0)
         return np.asarray(np.where(fits, cost - cost[fits].max() - 1.0 - bonus, 0.0))
+
+    def _jolted(self, rows: NDArray[np.int64], same: NDArray[np.bool_]) -> FloatArray:
+        """Variance that a jolt may have brought, ``(r, c, 3)``: since the last frame, or for a sighting that is by name of the track, since the
+        last sight of it."""
+        time = cast("float", self._time)
+        unseen = np.array([time - self._tracks[i].seen for i in rows])
+        since = np.where(same, np.maximum(unseen, self._dt)[:, None], self._dt)
+        return np.asarray(self._jolt[rows, None] * (since[..., None] ** 3 / 3.0))
 
     def _may_match(self, rows: NDArray[np.int64], columns: NDArray[np.int64], seen: _Measured) -> NDArray[np.bool_]:
         tracks = [self._tracks[i] for i in rows]
@@ -372,6 +396,7 @@ class Tracker:
             y = seen.z[j, :size] - self._x[i, :size]
             if with_heading:
                 y[:, 2] = _wrapped(y[:, 2])
+            self._absorb_jolts(i, y, seen.R[j, :size, :size])
             self._x[i], self._P[i] = _updated(self._x[i], self._P[i], y, seen.R[j, :size, :size])
         self._x[:, 2] = _wrapped(self._x[:, 2])
         for i, j in matches:
@@ -381,7 +406,17 @@ class Tracker:
             track.misses = 0
             track.heading |= bool(seen.heading[j])
         for track in self._tracks:
+            track.frames += 1
             track.misses += track.sighting < 0
+
+    def _absorb_jolts(self, i: NDArray[np.int64], y: FloatArray, R: FloatArray) -> None:
+        """Widen what is known of the tracks whose innovation is too large for a quiet motion."""
+        n = y.shape[1]
+        S = self._P[i, :n, :n] + R
+        odd = np.einsum("ij,ij->i", y, np.linalg.solve(S, y[..., None])[..., 0]) > self._likely[n - 1]
+        for k in i[odd]:
+            since = max(cast("float", self._time) - self._tracks[k].seen, self._dt)
+            self._P[k] = _advanced(self._x[[k]], self._P[[k]], self._jolt[[k]], since, move=False)[1][0]
 
     def _name(self, matches: list[tuple[int, int]], seen: _Measured) -> None:
         """Give tracks that have none the name of what was seen."""
@@ -394,23 +429,26 @@ class Tracker:
         new = [j for j in range(len(seen)) if j not in taken]
         if not new:
             return
-        x, P, q = np.zeros((len(new), 6)), np.zeros((len(new), 6, 6)), np.zeros((len(new), 3))
+        x, P = np.zeros((len(new), 6)), np.zeros((len(new), 6, 6))
+        q, jolt = np.zeros((2, len(new), 3))
         for k, j in enumerate(new):
             kind = str(seen.kinds[j])
             motion = self.parameters.motion(kind)
             x[k, :2], P[k, :2, :2] = seen.z[j, :2], seen.R[j, :2, :2]
             P[k, 3, 3] = P[k, 4, 4] = motion.speed**2
-            q[k, :2] = motion.acceleration
+            q[k, :2], jolt[k, :2] = motion.acceleration, motion.jolt
             if kind == "robot":
-                P[k, 2, 2], P[k, 5, 5], q[k, 2] = _UNKNOWN_HEADING, motion.turn_rate**2, motion.turn_acceleration
+                P[k, 2, 2] = _UNKNOWN_HEADING
+            if kind == "robot" or seen.heading[j]:
+                P[k, 5, 5], q[k, 2], jolt[k, 2] = motion.turn_rate**2, motion.turn_acceleration, motion.turn_jolt
             if seen.heading[j]:
                 x[k, 2], P[k, :3, :3] = seen.z[j, 2], seen.R[j]
-                P[k, 5, 5], q[k, 2] = motion.turn_rate**2, motion.turn_acceleration
             name = str(seen.names[j]) or None
             self._tracks.append(_Track(self._number(), kind, name, time, time, bool(seen.heading[j]), sighting=j))
         self._x = np.concatenate([self._x, x])
         self._P = np.concatenate([self._P, P])
         self._q = np.concatenate([self._q, q])
+        self._jolt = np.concatenate([self._jolt, jolt])
 
     def _number(self) -> int:
         self._next += 1
@@ -422,24 +460,29 @@ class Tracker:
         holders = {t.name: i for i, t in enumerate(self._tracks) if t.confirmed and t.unique and t.hits > 0}
         keep = np.ones(len(self._tracks), dtype=bool)
         for i, track in enumerate(self._tracks):
-            old_enough = track.sighting >= 0 and (track.hits >= 2 or p.confirm == 0) and time - track.born >= p.confirm - _ROUNDING
-            if not (track.confirmed or old_enough):
+            if not (track.confirmed or self._is_sure(track, time)):
                 continue
             holder = holders.get(track.name, i) if track.unique else i
             if holder == i:
                 track.confirmed = True
                 holders.setdefault(track.name, i)
-            elif track.sighting >= 0 and self._tracks[holder].sighting < 0 and keep[holder]:
+            elif track.sighting >= 0 and self._tracks[holder].seen < track.born and keep[holder]:
                 self._move(i, holder)
                 keep[i] = False
             elif track.confirmed:
                 track.name = None  # the name is taken, and its holder is seen
         self._keep(keep)
 
+    def _is_sure(self, track: _Track, time: float) -> bool:
+        """Whether a new track is old enough, and seen now and in half of its frames."""
+        old = time - track.born >= self.parameters.confirm - _ROUNDING
+        return old and track.sighting >= 0 and 2 * track.hits >= track.frames and (track.hits > 1 or self.parameters.confirm == 0)
+
     def _move(self, source: int, target: int) -> None:
         """Let the state of one track be that of another, which keeps its number and age."""
         new, old = self._tracks[source], self._tracks[target]
-        self._x[target], self._P[target], self._q[target] = self._x[source], self._P[source], self._q[source]
+        for rows in (self._x, self._P, self._q, self._jolt):
+            rows[target] = rows[source]
         old.seen, old.sighting, old.misses, old.heading = new.seen, new.sighting, 0, new.heading
 
     def _bury(self) -> list[Estimate]:
@@ -459,7 +502,7 @@ class Tracker:
         if which.all():
             return
         self._tracks = [t for t, kept in zip(self._tracks, which, strict=True) if kept]
-        self._x, self._P, self._q = self._x[which], self._P[which], self._q[which]
+        self._x, self._P, self._q, self._jolt = (rows[which] for rows in (self._x, self._P, self._q, self._jolt))
 
     # --- what is said
 
@@ -520,19 +563,20 @@ def _wrapped(angle: Any) -> Any:
     return np.pi - (np.pi - angle) % _TURN
 
 
-def _advanced(x: FloatArray, P: FloatArray, q: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:
-    """State and covariance a time later, or earlier."""
+def _advanced(
+    x: FloatArray, P: FloatArray, q: FloatArray, dt: float, *, move: bool = True
+) -> tuple[FloatArray, FloatArray]:
+    """State and covariance a time later, or earlier; without `move`, only the noise of that time is added."""
+    x, out = x.copy(), P.copy()
     if dt == 0.0:
-        return x.copy(), P.copy()
-    x = x.copy()
-    x[:, :3] += dt * x[:, 3:]
-    x[:, 2] = _wrapped(x[:, 2])
-    A, B, C = P[:, :3, :3], P[:, :3, 3:], P[:, 3:, 3:]
-    out = np.empty_like(P)
-    BC = B + dt * C
-    out[:, :3, :3] = A + dt * (B.transpose(0, 2, 1) + BC)
-    out[:, :3, 3:] = BC
-    out[:, 3:, 3:] = C
+        return x, out
+    if move:
+        x[:, :3] += dt * x[:, 3:]
+        x[:, 2] = _wrapped(x[:, 2])
+        B, C = P[:, :3, 3:], P[:, 3:, 3:]
+        BC = B + dt * C
+        out[:, :3, :3] += dt * (B.transpose(0, 2, 1) + BC)
+        out[:, :3, 3:] = BC
     k, s = np.arange(3), abs(dt)
     out[:, k, k] += q * (s**3 / 3.0)
     out[:, k, k + 3] += q * (dt * s / 2.0)
