@@ -26,4 +26,5 @@ NB_MODULE(kernels, module) {
   bind_general_6r(module);
   bind_answers(module, chain);
   bind_instruction_sets(module);
+  bind_segmentation(module);
 }

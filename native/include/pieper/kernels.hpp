@@ -9,6 +9,7 @@
 #include "pieper/closed_form.hpp"
 #include "pieper/general_6r.hpp"
 #include "pieper/numeric_ik.hpp"
+#include "pieper/segmentation.hpp"
 
 namespace pieper {
 
@@ -35,7 +36,8 @@ struct Kernels {
   void (*solve_closed_form)(const Folded&, const ClosedForm&, const ClosedFormOptions&, const double* targets,
                             std::size_t count, const ClosedFormResults&);
   void (*arctangent)(const double* y, const double* x, std::size_t count, double* angle);
-  const GeneralKernels* general;  // one target of an arm with six revolute joints
+  const GeneralKernels* general;            // one target of an arm with six revolute joints
+  const SegmentationKernels* segmentation;  // one row of a frame
 };
 
 // No joint value may exceed this [rad or m]: an angle beyond it has no digits left, and nothing overflows below it.

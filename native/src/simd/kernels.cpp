@@ -228,6 +228,7 @@ bool all_within(const double* numbers, std::size_t count, double limit) {
 
 namespace pieper {
 extern const GeneralKernels PIEPER_JOIN(general_kernels_, PIEPER_ISA);
+extern const SegmentationKernels PIEPER_JOIN(segmentation_kernels_, PIEPER_ISA);
 extern const Kernels PIEPER_JOIN(kernels_, PIEPER_ISA);
 const Kernels PIEPER_JOIN(kernels_, PIEPER_ISA){PIEPER_TEXT(PIEPER_ISA),
                                                 lanes,
@@ -240,5 +241,6 @@ const Kernels PIEPER_JOIN(kernels_, PIEPER_ISA){PIEPER_TEXT(PIEPER_ISA),
                                                 solve_numeric_target,
                                                 solve_closed_form_of,
                                                 arctangents,
-                                                &PIEPER_JOIN(general_kernels_, PIEPER_ISA)};
+                                                &PIEPER_JOIN(general_kernels_, PIEPER_ISA),
+                                                &PIEPER_JOIN(segmentation_kernels_, PIEPER_ISA)};
 }  // namespace pieper

@@ -179,3 +179,26 @@ def use_instruction_set(name: str) -> None:
 
 def sincos(angle: object) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]:
     """Sines and cosines as the kernels compute them."""
+
+class PixelLayout(enum.Enum):
+    packed = 0
+
+    i420 = 1
+
+    nv12 = 2
+
+    yuyv = 3
+
+largest_side: int = 32768
+
+class ColorLookUp:
+    def __init__(self, labels: object, reversed: bool) -> None:
+        """Labels (2^k, 2^k, 2^k) by the bytes of a pixel, or by their reverse."""
+
+    def segment(self, image: object, layout: PixelLayout, min_area: int, max_area: int, refine: bool, numbered: bool) -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.int32]]:
+        """
+        Of k blobs: color (k,), centroid (k, 2), covariance (k, 2, 2), area (k,), extent (k, 4), circularity (k,); and the number of each pixel's blob, from 1, if they are to be numbered.
+        """
+
+    def classify(self, image: object, layout: PixelLayout) -> numpy.typing.NDArray[numpy.uint8]:
+        """The label of each pixel, (height, width)."""

@@ -3,12 +3,20 @@
 ``source -> frame -> segment -> pattern -> track -> output``, with colour models and calibration read from YAML.
 
 ===============  ====================================================================================
+`source`         frames of a video, a folder, a camera, a stream, a pipe or a list, read ahead
+`reader`         what each of these is
 `frame`          one image with its number and its capture time
 `camera`         a camera as numbers: matrix, distortion, size
 `field_view`     where on the field a pixel looks: metres from pixels, or pixels as they are
 `color_table`    which colour a pixel is, as a table over all pixels
+`segment`        from a frame to patches of colour, in one compiled pass
+`masks`          masks of colours, for people who want to look
 `blobs`          connected patches of one colour in one frame
 `sighting`       what one frame says of one object
 `estimate`       what the tracker believes of one object
+`overlay`        what was seen and is believed, drawn over the frame
+`output`         tables of tracks (CSV, JSON lines, Parquet) and annotated videos
+`stream`         steps for whoever listens while it runs
+`follow`         a source through a tracker into all of these; can be stopped and resumed
 ===============  ====================================================================================
 """

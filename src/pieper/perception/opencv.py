@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from importlib import import_module
 from typing import Any
 
@@ -25,3 +26,9 @@ def opencv(purpose: str) -> Any:
         return import_module("cv2")
     except ImportError as cause:
         raise MissingExtraError("OpenCV", "perception", purpose) from cause
+
+
+def quiet() -> None:
+    """Keep OpenCV and FFmpeg from printing about damaged files, for a command that says it itself; before the first use of them."""
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")

@@ -160,6 +160,10 @@ class Section:
             return self._default(key, default)  # type: ignore[no-any-return]
         return [_section(self.file, f"{self._name(key)}[{i}]", node) for i, node in enumerate(self._list(key))]
 
+    def plain(self, *keys: str) -> dict[str, Any]:
+        """Return fields as plain data, those of the keys that are there: what is kept, but not read."""
+        return {key: _data(self.file, self._name(key), self._rows[key]) for key in keys if key in self._rows}
+
     def _name(self, key: str) -> str:
         return ".".join(part for part in (self.field, key) if part)
 
@@ -239,6 +243,15 @@ def _value(file: str, field: str, node: Any) -> Any:
         return _yaml().constructor.SafeConstructor().construct_object(node)
     except (ValueError, OverflowError, AttributeError, KeyError, IndexError):
         raise _error(file, node, field, f"cannot be read as a value: {node.value[:40]!r}") from None
+
+
+def _data(file: str, field: str, node: Any) -> Any:
+    if node.id == "mapping":
+        section = _section(file, field, node)
+        return section.plain(*section)
+    if node.id == "sequence":
+        return [_data(file, f"{field}[{i}]", child) for i, child in enumerate(node.value)]
+    return _value(file, field, node)
 
 
 def read_yaml(path: str | Path, *, largest: int = LARGEST) -> Section:

@@ -1,0 +1,322 @@
+"""``pieper track``: markers and robots in a video, a folder of images, a camera, a stream or a pipe."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pieper.cli.show import console
+from pieper.errors import VisionError, unknown_name
+
+if TYPE_CHECKING:
+    from pieper.perception.field_view import View
+    from pieper.perception.follow import Follows, Found, Resumed, Summary
+    from pieper.perception.frame import Frame
+    from pieper.perception.output import TrackWriter, VideoFile
+    from pieper.perception.source import Source
+
+METHODS = ("pieper", "report")
+_INTERRUPTED = 130
+
+
+def track(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="VIDEO",
+            help="A video, a folder of images, a camera (0, /dev/video0), rtsp://... or http://..., or - for standard input.",
+        ),
+    ],
+    colors: Annotated[Path, typer.Option("--colors", metavar="FILE", help="Colours, from learn-colour.")],
+    field: Annotated[
+        Path | None,
+        typer.Option("--field", metavar="FILE", help="Field, from calibrate-field: metres instead of pixels."),
+    ] = None,
+    patterns: Annotated[
+        str | None,
+        typer.Option("--patterns", metavar="PATTERNS", help="Markers of the robots: report, ssl, vsss or a YAML file."),
+    ] = None,
+    ball: Annotated[str | None, typer.Option("--ball", metavar="COLOUR", help="Colour of a ball.")] = None,
+    largest: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--largest", metavar="COLOUR", help="Without patterns: follow only the largest patch of this colour."
+        ),
+    ] = None,
+    method: Annotated[
+        str,
+        typer.Option(
+            "--method", metavar="METHOD", help="pieper, or report: the pipeline of the report, as it is printed."
+        ),
+    ] = "pieper",
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="Table of tracks: .csv, .jsonl or .parquet.")
+    ] = None,
+    video: Annotated[
+        Path | None, typer.Option("--video", metavar="FILE", help="Video with everything drawn in: .mp4 or .avi.")
+    ] = None,
+    start: Annotated[int, typer.Option("--start", metavar="N", help="First frame, from 0.")] = 0,
+    stop: Annotated[int | None, typer.Option("--stop", metavar="N", help="Frame before which to end.")] = None,
+    adapt: Annotated[bool, typer.Option("--adapt/--no-adapt", help="Let the colours follow the light slowly.")] = True,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the table in --out, where it ended.")] = False,
+    warm_up: Annotated[
+        float,
+        typer.Option(
+            "--warm-up", metavar="SECONDS", help="With --resume: seconds before its end that are tracked again."
+        ),
+    ] = 2.0,
+    size: Annotated[
+        str | None, typer.Option("--size", metavar="WxH", help="Of raw BGR frames on standard input.")
+    ] = None,
+    fps: Annotated[
+        float | None, typer.Option("--fps", metavar="N", help="Of images, raw frames, or to ask a camera for.")
+    ] = None,
+    patience: Annotated[
+        float,
+        typer.Option("--patience", metavar="SECONDS", help="How long a camera may be away before it is given up."),
+    ] = 60.0,
+    trail: Annotated[int, typer.Option("--trail", metavar="N", help="Frames of the trails that are drawn.")] = 60,
+    verbose: Annotated[bool, typer.Option("--verbose", help="Print every detection with its radius.")] = False,
+) -> int:
+    """Follow coloured markers, or robots that carry them; in pixels, or in metres with --field."""
+    from pieper.perception.follow import Summary, follow
+    from pieper.perception.opencv import quiet
+    from pieper.perception.output import create_tracks
+    from pieper.perception.overlay import Overlay
+    from pieper.perception.source import open_source
+
+    quiet()
+    if method not in METHODS:
+        raise unknown_name("method", method, METHODS)
+    _check_files(source, out, video, resume)
+    model, tracker, view, heights = _tracker(
+        colors, field, patterns, ball, largest or [], method=method, adapt=adapt, tracked=source
+    )
+    summary, stopped = Summary(), False
+    with ExitStack() as stack:
+        name = source if source == "-" or "://" in source else Path(source).name
+        table, resumed = _continued(stack, out if resume else None, view.unit, source, name, warm_up, start)
+        frames = stack.enter_context(
+            open_source(
+                source,
+                start=start if resumed is None else resumed.start,
+                stop=stop,
+                size=None if size is None else _size(size),
+                fps=fps,
+                patience=patience,
+            )
+        )
+        if out is not None and table is None:
+            table = create_tracks(out, unit=view.unit, source=name)
+            stack.callback(table.close)
+        film = _film(stack, video, frames, resumed)
+        overlay = Overlay(view, colors=dict(zip(model.names, model.draw, strict=True)), height=heights, trail=trail)
+        try:
+            with _interruptible(frames) as signals, _progress(frames, start, stop, resumed) as advance:
+
+                def on_step(frame: Frame, step: Found) -> None:
+                    if verbose:
+                        _print_detections(step)
+                    advance(frame, summary)
+
+                follow(
+                    frames, tracker, tracks=table, video=film, overlay=overlay if film else None, on_step=on_step,
+                    resumed=resumed, summary=summary,
+                )  # fmt: skip
+                stopped = bool(signals)
+        finally:
+            stack.close()
+            _print_summary(summary, out, film.path if film is not None and film.frames else None, view.unit, tracker)
+    if stopped:
+        typer.secho(f"pieper: interrupted{'; --resume goes on from here' if out is not None else ''}", err=True)
+        return _INTERRUPTED
+    return 0
+
+
+def _check_files(source: str, out: Path | None, video: Path | None, resume: bool) -> None:
+    from pieper.perception.output import table_path, video_path
+
+    if resume and out is None:
+        raise VisionError("--resume goes on with a table; name it by --out")
+    for option, path, check in (("--out", out, table_path), ("--video", video, video_path)):
+        if path is not None:
+            check(path)
+            if path.exists() and Path(source).exists() and path.samefile(source):
+                raise VisionError(f"{option} {path} is the video that is tracked; it would be lost")
+
+
+def _tracker(
+    colors: Path, field: Path | None, patterns: str | None, ball: str | None, largest: list[str], *,
+    method: str, adapt: bool, tracked: str,
+) -> tuple[Any, Follows, View, dict[str, float]]:  # fmt: skip
+    """The colour model, the tracker, the view, and the heights of what is drawn."""
+    from pieper.perception.adapt import LightAdaptation
+    from pieper.perception.color import ColorModel
+    from pieper.perception.field_view import PixelView
+    from pieper.perception.pipeline import MarkerTracker
+
+    model = ColorModel.load(colors)
+    view: View = PixelView()
+    if method == "report":
+        if field is not None or patterns is not None or ball is not None or largest:
+            raise VisionError(
+                "the report's method knows no field and no patterns; leave out --field, --patterns, --ball, --largest"
+            )
+        return model, _report(model, colors, tracked), view, {}
+    if field is not None:
+        from pieper.perception.calibration_file import load_view
+
+        view = load_view(field)
+    for name in largest:
+        if name not in model.names:
+            raise unknown_name("color", name, model.names, str(colors))
+    adaptation = LightAdaptation(model) if adapt else None
+    tracker = MarkerTracker(
+        model,
+        view=view,
+        patterns=patterns,
+        ball=ball,
+        markers={name: "largest" if name in largest else "all" for name in model.names},
+        adaptation=adaptation,
+    )
+    heights = {}
+    if tracker.patterns.robots:
+        markers = tracker.patterns.robots[0].markers
+        heights["robot"] = sum(marker.height for marker in markers) / len(markers)
+    if tracker.patterns.ball is not None:
+        heights["ball"] = tracker.patterns.ball.radius
+    return model, tracker, view, heights
+
+
+def _report(model: Any, colors: Path, tracked: str) -> Follows:
+    from pieper.perception.report import ReportTracker
+    from pieper.perception.report_pipeline import ReportPipeline, learned_from, report_colors
+    from pieper.perception.source import read_frame
+
+    video = learned_from(model.notes, colors, tracked)
+    learned = report_colors(model.notes, lambda n: read_frame(video, n).image)
+    for color in learned:
+        console().print(f"{color.name}\n{color.as_printed()}", markup=False, soft_wrap=True)
+    return ReportPipeline(ReportTracker(learned))
+
+
+def _continued(
+    stack: ExitStack, out: Path | None, unit: str, source: str, name: str, warm_up: float, start: int
+) -> tuple[TrackWriter | None, Resumed | None]:
+    """The table that is gone on with, if there is one."""
+    from pieper.perception.follow import Resumed
+    from pieper.perception.output import continue_tracks
+
+    if out is None:
+        return None, None
+    if not Path(source).exists():
+        raise VisionError(f"only a video file or a folder of images can be resumed, got {source!r}")
+    if not out.exists():
+        return None, None
+    table, kept = continue_tracks(out, unit=unit, source=name)
+    stack.callback(table.close)
+    return table, Resumed(kept, warm_up=warm_up, first=start)
+
+
+def _film(stack: ExitStack, video: Path | None, frames: Source, resumed: Resumed | None) -> VideoFile | None:
+    """The annotated video; one that goes on has the number of its first frame in its name, beside the one before."""
+    from pieper.perception.output import VideoFile
+    from pieper.perception.reader import FPS
+
+    if video is None:
+        return None
+    if resumed is not None and video.exists():
+        video = video.with_name(f"{video.stem}.from{resumed.last + 1:06d}{video.suffix}")
+    film = VideoFile(video, fps=frames.info.fps or FPS)
+    stack.callback(film.close)
+    return film
+
+
+@contextmanager
+def _interruptible(frames: Source) -> Iterator[list[int]]:
+    """Ctrl-C, or an order to end, stops after the frame at hand; a second one at once. Gives the signals that came."""
+    came: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield came
+        return
+
+    def stop(number: int, _: object) -> None:
+        if came:
+            raise KeyboardInterrupt
+        came.append(number)
+        frames.stop()
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield came
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def _progress(
+    frames: Source, start: int, stop: int | None, resumed: Resumed | None
+) -> Iterator[Callable[[Frame, Summary], None]]:
+    """A bar on standard error, where that is a terminal: frames, frames per second, and the time that is left."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    first = start if resumed is None else resumed.last + 1
+    ends = [n for n in (stop, frames.info.frames) if n is not None]
+    screen = Console(stderr=True)
+    columns = (
+        TextColumn("frames"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as bar:
+        task = bar.add_task("frames", total=max(min(ends) - first, 0) if ends else None, rate="")
+
+        def advance(frame: Frame, summary: Summary) -> None:
+            lost = f", {summary.dropped} dropped" if summary.dropped else ""
+            bar.update(task, completed=frame.index + 1 - first, rate=f"{summary.fps:.0f} fps{lost}")
+
+        yield advance
+
+
+def _print_detections(step: Found) -> None:
+    rows = sorted({row for sighting in step.sightings for row in sighting.blobs})
+    for row in rows:
+        x, y = step.blobs.centroid[row]
+        name, radius = step.blobs.names[int(step.blobs.color[row])], float(step.blobs.radius[row])
+        sys.stdout.write(f"frame {step.index}  {name}  radius {radius:.2f} px  at {x:.2f}, {y:.2f}\n")
+
+
+def _print_summary(summary: Summary, out: Path | None, video: Path | None, unit: str, tracker: Follows) -> None:
+    if not summary.frames:
+        return
+    say = console().print
+    tracks = "1 track" if len(summary.tracks) == 1 else f"{len(summary.tracks)} tracks"
+    line = f"{summary.frames} frames in {summary.seconds:.2f} s, {summary.fps:.0f} fps; {summary.dropped} dropped; {tracks}"
+    say(line, markup=False, soft_wrap=True)
+    stages = ", ".join(f"{stage} {spent:.2f}" for stage, spent in summary.milliseconds.items())
+    say(f"ms a frame: {stages}", markup=False, soft_wrap=True)
+    told = getattr(getattr(tracker, "adaptation", None), "summary", None)
+    if callable(told):
+        say(told(), markup=False, soft_wrap=True)
+    if out is not None:
+        say(f"wrote {out}  in {'metres' if unit == 'm' else 'pixels'}", markup=False, soft_wrap=True)
+    if video is not None:
+        say(f"wrote {video}", markup=False, soft_wrap=True)
+
+
+def _size(text: str) -> tuple[int, int]:
+    words = text.lower().split("x")
+    if len(words) != 2 or not all(word.strip().isdecimal() for word in words):
+        raise VisionError(f"--size must be width x height in pixels, such as 640x480, got {text!r}")
+    return int(words[0]), int(words[1])

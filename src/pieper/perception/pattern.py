@@ -1,0 +1,876 @@
+"""Marker layouts, and finding them among the blobs of a frame.
+
+A pattern is a set of coloured markers on top of a robot, in millimetres in YAML and metres here, x ahead and y to the left, seen from
+above. Patterns that differ in their colours alone share a shape, so that sixteen robots of a league cost one search:
+
+1. two blobs at the distance of two places of a shape give a pose; the other places then either have a blob near them or do not;
+2. poses that were made of the same blobs are one; each pattern of the shape is scored on it by the colours that are right, wrong and missing;
+3. the best is taken first, and its blobs are gone for the others, so a blob belongs to one robot at most;
+4. its pose is the least-squares fit to the blobs, each with its own covariance, and has the covariance that follows.
+
+Two patterns that explain the blobs equally well leave the name open and the pose as it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from importlib.resources import files
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from scipy.special import chdtri
+
+from pieper.errors import VisionError, unknown_name
+from pieper.perception.sighting import Sighting
+from pieper.perception.yaml_file import parse_yaml, read_yaml
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from pieper.perception.blobs import Blobs
+    from pieper.perception.field_view import View
+    from pieper.perception.scene import Scene
+    from pieper.perception.yaml_file import Section
+    from pieper.spatial._checks import FloatArray
+
+Follow = Literal["all", "largest"]
+
+BUILT_IN = ("report", "ssl", "vsss", "circles")
+"""Names of the layouts that come along."""
+
+FORMAT = "pieper patterns 1"
+
+_PIXEL_FLOOR = 0.01  # px; error of a centroid that its covariance does not know of: the grid, light from one side
+_BALL_ROUND = 0.6  # circularity of a ball that is partly hidden
+_BALL_AREA = (0.25, 3.0)  # of what a ball of its size would cover
+_AREA_NOISE = 0.03  # of the share of its usual area that a marker has, to begin with; learnt as the area is
+_SIZES = (0.5, 1.7)  # radius of a blob over that of its marker
+_MISFIT = 1e-3  # probability of a misfit that is put down to what the covariances do not know
+_AREA_PACE = 0.05  # of what is learnt of the area of a marker, from one sight of it
+_CUT = 0.9  # radii by which the centroid of a disc moves that lost a half of its area and more, per share lost over share left
+_ROUNDS = 3  # of the search, the later ones among the blobs that are left
+
+
+@dataclass(frozen=True)
+class PatternMarker:
+    """A patch of colour on a robot.
+
+    Attributes
+    ----------
+    color : str
+        Its name in the colour model.
+    position : (float, float)
+        In the robot's frame: ahead, to the left [m].
+    height : float
+        Above the field [m].
+    radius : float
+        Of the disc of its size [m]; 0 if it is not known.
+    """
+
+    color: str
+    position: tuple[float, float]
+    height: float = 0.0
+    radius: float = 0.0
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """The markers of one robot."""
+
+    name: str
+    markers: tuple[PatternMarker, ...]
+
+
+@dataclass(frozen=True)
+class BallPattern:
+    """What a ball looks like.
+
+    Attributes
+    ----------
+    color : str
+    radius : float
+        [m]; 0 if it is not known. Its centre is that high above the field.
+    """
+
+    color: str
+    radius: float = 0.0
+
+
+@dataclass(frozen=True)
+class Patterns:
+    """What may be on the field.
+
+    Raises
+    ------
+    VisionError
+        Two patterns have the same name, a pattern has no markers, or two of its markers are at the same place.
+
+    Examples
+    --------
+    >>> league = load_patterns("ssl")
+    >>> len(league.robots), league.ball.color
+    (32, 'orange')
+    >>> [marker.color for marker in league.only(["blue_3"]).robots[0].markers]
+    ['blue', 'pink', 'green', 'pink', 'green']
+    """
+
+    robots: tuple[Pattern, ...] = ()
+    ball: BallPattern | None = None
+
+    def __post_init__(self) -> None:
+        names = [robot.name for robot in self.robots]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise VisionError(f"each robot needs a name of its own; there are two named {', '.join(twice)}")
+        looks: dict[Any, str] = {}
+        for robot in self.robots:
+            if not robot.markers:
+                raise VisionError(f"robot {robot.name!r} has no markers")
+            for a, b in combinations(robot.markers, 2):
+                if np.hypot(a.position[0] - b.position[0], a.position[1] - b.position[1]) < 1e-4:
+                    raise VisionError(f"two markers of robot {robot.name!r} are at the same place")
+            look = frozenset(robot.markers)
+            if look in looks:
+                raise VisionError(f"robots {looks[look]!r} and {robot.name!r} have the same markers, and look the same")
+            looks[look] = robot.name
+
+    @classmethod
+    def of_scene(cls, scene: Scene) -> Patterns:
+        """Return what is on a scene that is rendered."""
+        robots, ball = [], None
+        for thing in scene.things:
+            if thing.kind == "ball":
+                ball = BallPattern(thing.color, thing.radius)
+                continue
+            height = thing.model.height
+            markers = (
+                PatternMarker(m.color, (m.x, m.y), height, float(np.sqrt(m.area / np.pi))) for m in thing.model.markers
+            )
+            robots.append(Pattern(thing.name, tuple(markers)))
+        return cls(tuple(robots), ball)
+
+    def __bool__(self) -> bool:
+        return bool(self.robots) or self.ball is not None
+
+    @property
+    def colors(self) -> set[str]:
+        """Colours of all markers and the ball."""
+        robots = {marker.color for robot in self.robots for marker in robot.markers}
+        return robots | ({self.ball.color} if self.ball else set())
+
+    def with_ball(self, color: str, radius: float = 0.0) -> Patterns:
+        """Return these with a ball."""
+        return replace(self, ball=BallPattern(color, radius))
+
+    def only(self, names: Iterable[str]) -> Patterns:
+        """Return these with some of the robots, which is faster and safer where the others are not on the field."""
+        known = {robot.name: robot for robot in self.robots}
+        wanted = list(names)
+        for name in wanted:
+            if name not in known:
+                raise unknown_name("robot", name, known)
+        return replace(self, robots=tuple(known[name] for name in wanted))
+
+    def recolored(self, colors: Mapping[str, str]) -> Patterns:
+        """Return these with other colours, by a mapping from the old names to the new ones."""
+        robots = tuple(
+            replace(r, markers=tuple(replace(m, color=colors.get(m.color, m.color)) for m in r.markers))
+            for r in self.robots
+        )
+        ball = replace(self.ball, color=colors.get(self.ball.color, self.ball.color)) if self.ball else None
+        return Patterns(robots, ball)
+
+
+def load_patterns(source: str | Path | None) -> Patterns:
+    """Read patterns from a YAML file, or take a built-in set by its name.
+
+    Parameters
+    ----------
+    source : str or Path, optional
+        ``"report"``, ``"ssl"``, ``"vsss"``, ``"circles"``, or a file; None gives none.
+
+    Raises
+    ------
+    VisionError
+        The file is malformed; the message names file, line and field.
+    UnknownNameError
+        There is neither a built-in set nor a file of that name.
+    OSError
+        The file cannot be read.
+    """
+    if source is None:
+        return Patterns()
+    if isinstance(source, str) and source in BUILT_IN:
+        raw = files("pieper.perception").joinpath("patterns", f"{source}.yaml").read_bytes()
+        return _read(parse_yaml(raw, f"{source}.yaml"))
+    path = Path(source)
+    if not path.exists() and not path.suffix and path.name == str(source):
+        raise unknown_name("set of patterns", str(source), BUILT_IN, "Pieper; a file may be named instead")
+    return _read(read_yaml(path))
+
+
+def _read(file: Section) -> Patterns:
+    file.only("format", "layouts", "robots", "ball")
+    if file.text("format", FORMAT) != FORMAT:
+        raise file.error("format", f"must be {FORMAT!r}, got {file.text('format')!r}")
+    layouts = {}
+    if "layouts" in file:
+        section = file.section("layouts")
+        layouts = {name: _read_layout(section.section(name)) for name in section}
+    robots = tuple(_read_robot(robot, layouts) for robot in file.sections("robots", []))
+    ball = None
+    if "ball" in file:
+        section = file.section("ball")
+        section.only("color", "radius_mm")
+        ball = BallPattern(section.text("color"), section.number("radius_mm", 0.0, least=0, most=1e4) / 1e3)
+    try:
+        patterns = Patterns(robots, ball)
+    except VisionError as cause:
+        raise file.error("robots", str(cause)) from None
+    if not patterns:
+        raise file.error("robots", "is missing, and there is no ball either")
+    return patterns
+
+
+def _read_layout(layout: Section) -> list[PatternMarker]:
+    layout.only("height_mm", "radius_mm", "markers")
+    return _read_markers(layout)
+
+
+def _read_markers(parent: Section) -> list[PatternMarker]:
+    height = parent.number("height_mm", 0.0, least=0, most=1e4)
+    radius = parent.number("radius_mm", 0.0, least=0, most=1e4)
+    markers = []
+    for section in parent.sections("markers"):
+        section.only("color", "position_mm", "height_mm", "radius_mm")
+        x, y = section.array("position_mm", (2,)).tolist()
+        markers.append(
+            PatternMarker(
+                section.text("color", ""),
+                (x / 1e3, y / 1e3),
+                section.number("height_mm", height, least=0, most=1e4) / 1e3,
+                section.number("radius_mm", radius, least=0, most=1e4) / 1e3,
+            )
+        )
+    return markers
+
+
+def _read_robot(robot: Section, layouts: Mapping[str, list[PatternMarker]]) -> Pattern:
+    if "layout" in robot:
+        robot.only("name", "layout", "colors")
+        layout = robot.text("layout")
+        if layout not in layouts:
+            raise robot.error("layout", str(unknown_name("layout", layout, layouts)))
+        places, colors = layouts[layout], robot.texts("colors")
+        if len(colors) != len(places):
+            raise robot.error("colors", f"must be {len(places)}, one for each marker of {layout!r}, got {len(colors)}")
+        markers = [replace(place, color=color) for place, color in zip(places, colors, strict=True)]
+    else:
+        robot.only("name", "height_mm", "radius_mm", "markers")
+        markers = _read_markers(robot)
+    if not all(marker.color for marker in markers):
+        raise robot.error("markers" if "markers" in robot else "colors", "every marker needs a color")
+    return Pattern(robot.text("name"), tuple(markers))
+
+
+def lone_markers(blobs: Blobs, view: View, follow: Mapping[str, Follow]) -> tuple[Sighting, ...]:
+    """Return blobs that are followed by themselves, as sightings of kind ``"marker"`` that are named after their colour.
+
+    Parameters
+    ----------
+    blobs : Blobs
+    view : View
+    follow : mapping
+        Of colours to ``"all"`` or ``"largest"``; the blobs of other colours are left out.
+    """
+    rows: list[int] = []
+    for name, which in follow.items():
+        own = (
+            np.flatnonzero(blobs.color == blobs.names.index(name))
+            if name in blobs.names
+            else np.zeros(0, dtype=np.int64)
+        )
+        if which == "largest" and len(own):
+            own = own[[int(np.argmax(blobs.area[own]))]]
+        rows += own.tolist()
+    if not rows:
+        return ()
+    places, covariances = _placed(blobs, view, 0.0, np.array(rows))
+    return tuple(
+        Sighting("marker", blobs.names[blobs.color[row]], places[i], None, covariances[i], (row,))
+        for i, row in enumerate(rows)
+        if np.isfinite(places[i]).all()
+    )
+
+
+def _placed(blobs: Blobs, view: View, height: float, rows: Any = slice(None)) -> tuple[FloatArray, FloatArray]:
+    """Places of blobs at a height, and their covariances."""
+    centroid = blobs.centroid[rows]
+    covariance = blobs.covariance[rows] + np.eye(2) * _PIXEL_FLOOR**2
+    if view.unit == "px":
+        return centroid, covariance
+    J = view.jacobian(centroid, height=height)
+    return view.to_field(centroid, height=height), J @ covariance @ J.transpose(0, 2, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Shape:
+    """Places of markers, and the patterns that have their markers there."""
+
+    places: NDArray[np.complex128]
+    heights: tuple[float, ...]
+    level: NDArray[np.int64]
+    """Which of the heights each place has."""
+    radii: FloatArray
+    patterns: tuple[Pattern, ...]
+
+    @cached_property
+    def least(self) -> int:
+        """Markers without which a robot is not believed."""
+        n = len(self.places)
+        return max(2, -(-3 * n // 5))
+
+    @cached_property
+    def gate(self) -> float:
+        """How far from its place a marker may be [m]: less than half of the way to the next."""
+        apart = np.abs(self.places[:, None] - self.places[None]) + np.where(np.eye(len(self.places)), np.inf, 0.0)
+        return float(0.2 * apart.min())
+
+    @cached_property
+    def reach(self) -> float:
+        """Greatest distance between two places [m]."""
+        return float(np.abs(self.places[:, None] - self.places[None]).max())
+
+    @cached_property
+    def span(self) -> float:
+        """Greatest distance of a place from their middle [m]: two robots are never nearer to each other."""
+        return float(np.abs(self.places - self.places.mean()).max())
+
+    @cached_property
+    def anchors(self) -> NDArray[np.int64]:
+        """Pairs of places to start from, ``(q, 2)``: enough to meet every robot that has `least` markers, the telling ones kept."""
+        n = len(self.places)
+        pairs = list(combinations(range(n), 2))
+        length = {pair: abs(self.places[pair[1]] - self.places[pair[0]]) for pair in pairs}
+        alike = {p: sum(abs(length[p] - length[o]) < self.gate for o in pairs) for p in pairs}
+        kept = set(pairs)
+        for pair in sorted(pairs, key=lambda p: (-alike[p], length[p])):
+            fewer = kept - {pair}
+            if all(any(p in fewer for p in combinations(c, 2)) for c in combinations(range(n), min(self.least, n))):
+                kept = fewer
+        return np.array(sorted(kept), dtype=np.int64)
+
+    def colors(self, names: tuple[str, ...]) -> NDArray[np.int64]:
+        """Index of the colour of each marker of each pattern, ``(p, n)``."""
+        index = {name: i for i, name in enumerate(names)}
+        return np.array([[index.get(m.color, -2) for m in p.markers] for p in self.patterns], dtype=np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidates:
+    """Robots that a frame may show: of one shape, each made of other blobs."""
+
+    shape: int
+    rows: NDArray[np.int64]
+    """Blob at each place, -1 for none, ``(u, n)``."""
+    pattern: NDArray[np.int64]
+    """Which pattern, -1 if that is open."""
+    score: FloatArray
+    centre: NDArray[np.complex128]
+    scale: FloatArray
+
+
+class PatternFinder:
+    """Finds the robots and the ball of `Patterns` in the blobs of a frame.
+
+    Parameters
+    ----------
+    patterns : Patterns
+    view : View
+        On the field, markers are put at their own heights. In pixels the layouts have a scale that is found by itself, and whatever
+        height a marker has is not corrected.
+    mm_per_px : float, optional
+        In pixels: the scale, if it is known.
+
+    Attributes
+    ----------
+    scale : float or None
+        Units of the view to a metre of the layout; 1 on the field, None in pixels until it is found.
+
+    Examples
+    --------
+    >>> from pieper.perception.blobs import Blobs
+    >>> from pieper.perception.field_view import PixelView
+    >>> league = load_patterns("report")
+    >>> seen = np.array([[100, 100], [130, 100], [115, 79], [115, 121]]) + 0.0  # 3 mm to a pixel
+    >>> blobs = Blobs(("red", "green", "blue"), np.array([0, 2, 1, 1]), seen, np.tile(np.eye(2) * 1e-3, (4, 1, 1)),
+    ...               np.full(4, 380.0), np.zeros((4, 4), np.int64), np.ones(4))
+    >>> robot, = PatternFinder(league, PixelView(), mm_per_px=3.0).find(blobs)
+    >>> robot.name, np.round(robot.position, 1).tolist(), abs(round(robot.heading, 3))
+    ('robot', [115.0, 100.0], 0.0)
+    """
+
+    def __init__(self, patterns: Patterns, view: View, *, mm_per_px: float | None = None) -> None:
+        if mm_per_px is not None and not (np.isfinite(mm_per_px) and mm_per_px > 0):
+            raise VisionError(f"mm_per_px must be a positive number of millimetres, got {mm_per_px}")
+        self.patterns, self.view = patterns, view
+        self._metric = view.unit == "m"
+        self._given = None if mm_per_px is None else 1e3 / mm_per_px
+        self.scale: float | None = 1.0 if self._metric else self._given
+        self._shapes = _shapes([r for r in patterns.robots if len(r.markers) > 1], mirrored=not self._metric)
+        self._single = [r for r in patterns.robots if len(r.markers) == 1]
+        self._areas = [np.full(len(shape.places), np.nan) for shape in self._shapes]
+        self._scatter = [_AREA_NOISE**2 for _ in self._shapes]
+        self._tables: dict[tuple[str, ...], list[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]]] = {}
+
+    def forget(self) -> None:
+        """Forget the scale that was found in pixels."""
+        self.scale = 1.0 if self._metric else self._given
+        for areas in self._areas:
+            areas[:] = np.nan
+
+    def find(self, blobs: Blobs) -> tuple[Sighting, ...]:
+        """Return the robots and the ball of one frame.
+
+        Parameters
+        ----------
+        blobs : Blobs
+
+        Returns
+        -------
+        tuple of Sighting
+            Robots, the surest first, then the ball. Each blob is part of one of them at most, and a name is given once.
+        """
+        if not len(blobs):
+            return ()
+        levels = _Levels(blobs, self.view)
+        if self.scale is None and self._shapes:
+            self.scale = self._find_scale(blobs, levels)
+        used: set[int] = set()
+        robots: list[Sighting] = []
+        if self.scale is not None:
+            robots = self._robots(blobs, levels, used, self.scale, learn=True)
+        robots += self._single_robots(blobs, levels, used)
+        return (*_named_once(robots), *self._ball(blobs, levels, used))
+
+    def _robots(self, blobs: Blobs, levels: _Levels, used: set[int], scale: float, *, learn: bool) -> list[Sighting]:
+        chosen: list[tuple[_Candidates, int]] = []
+        for _ in range(_ROUNDS):
+            free = np.ones(len(blobs), dtype=bool)
+            free[list(used)] = False
+            pools = [self._candidates(k, blobs, levels, free, scale) for k in range(len(self._shapes))]
+            new, again = self._choose([p for p in pools if p is not None], used, chosen)
+            chosen += new
+            if not (new and again):
+                break
+        found: list[tuple[float, Sighting]] = []
+        scales: list[float] = []
+        for k in range(len(self._shapes)):
+            own = [(c, i) for c, i in chosen if c.shape == k]
+            if own:
+                found += self._fitted(k, own, levels, scale)
+                scales += [float(c.scale[i]) for c, i in own]
+        if learn and scales and not self._metric and self._given is None:
+            self.scale = 0.9 * scale + 0.1 * float(np.median(scales))
+        found.sort(key=lambda pair: (-pair[0], *pair[1].position.tolist()))
+        return [sighting for _, sighting in found]
+
+    def _table(self, names: tuple[str, ...]) -> list[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]]:
+        """Of each shape: colours of its patterns, which colours each place may have, and which each pair of anchors."""
+        if names not in self._tables:
+            tables = []
+            for shape in self._shapes:
+                colors = shape.colors(names)
+                place = np.zeros((len(shape.places), len(names)), dtype=bool)
+                pair = np.zeros((len(shape.anchors), len(names), len(names)), dtype=bool)
+                for row in colors:
+                    if (row < 0).any():
+                        continue
+                    place[np.arange(len(row)), row] = True
+                    pair[np.arange(len(pair)), row[shape.anchors[:, 0]], row[shape.anchors[:, 1]]] = True
+                tables.append((colors, place, pair))
+            self._tables[names] = tables
+        return self._tables[names]
+
+    def _candidates(
+        self, k: int, blobs: Blobs, levels: _Levels, free: NDArray[np.bool_], scale: float
+    ) -> _Candidates | None:
+        shape = self._shapes[k]
+        colors, place_colors, pair_colors = self._table(blobs.names)[k]
+        rows = np.flatnonzero(free & place_colors.any(axis=0)[blobs.color] & levels.sized(shape, scale))
+        if len(rows) < shape.least:
+            return None
+        z = np.stack([levels.places(h)[rows] for h in shape.heights])  # (levels, blobs)
+        if not np.isfinite(z).all():
+            seen = np.isfinite(z).all(axis=0)
+            rows, z = rows[seen], z[:, seen]
+            if len(rows) < shape.least:
+                return None
+        color = blobs.color[rows]
+        slack = 0.0 if self._metric else _SCALE_SLACK
+        gate = shape.gate * scale
+
+        # Two blobs at the distance, and of the colours, of two places.
+        near = np.abs(z[0][:, None] - z[0][None]) < shape.reach * scale * (1.0 + slack) + 2.0 * gate
+        np.fill_diagonal(near, False)
+        a, b = np.nonzero(near)
+        i, j = shape.anchors.T
+        arm = shape.places[j] - shape.places[i]
+        apart = z[shape.level[j][None], b[:, None]] - z[shape.level[i][None], a[:, None]]
+        length = np.abs(arm) * scale
+        fits = (np.abs(np.abs(apart) - length) < gate + slack * length) & pair_colors[:, color[a], color[b]].T
+        pair, q = np.nonzero(fits)
+        if not len(pair):
+            return None
+
+        # The pose of each, and the blob nearest to each place of it.
+        turn = apart[pair, q] / arm[q]
+        if self._metric:
+            turn /= np.abs(turn)
+        middle = 0.5 * (z[shape.level[i[q]], a[pair]] + z[shape.level[j[q]], b[pair]])
+        origin = middle - turn * 0.5 * (shape.places[i[q]] + shape.places[j[q]])
+        expected = origin[:, None] + turn[:, None] * shape.places[None]
+        most = int(near.sum(axis=1).max()) + 1
+        np.fill_diagonal(near, True)
+        around = np.argsort(~near, axis=1, kind="stable")[:, :most]
+        inside = np.take_along_axis(near, around, axis=1)
+        close, is_close = around[a[pair]], inside[a[pair]]
+        off = z[shape.level[None, :, None], close[:, None, :]] - expected[:, :, None]
+        square = off.real**2 + off.imag**2
+        allowed = place_colors[np.arange(len(shape.places))[None, :, None], color[close][:, None, :]]
+        square = np.where(allowed & is_close[:, None, :], square, np.inf)
+        best = square.argmin(axis=2)
+        distance = np.take_along_axis(square, best[:, :, None], axis=2)[:, :, 0]
+        blob = np.where(distance < (1.5 * gate) ** 2, np.take_along_axis(close, best, axis=1), -1)
+        enough = (blob >= 0).sum(axis=1) >= shape.least
+        blob = blob[enough]
+        if not len(blob):
+            return None
+        blob = blob[_different(blob)]
+        return self._scored(k, rows, blob, z, levels, color, colors, scale)
+
+    def _scored(
+        self,
+        k: int,
+        rows: NDArray[np.int64],
+        blob: NDArray[np.int64],
+        z: NDArray[np.complex128],
+        levels: _Levels,
+        color: NDArray[np.int64],
+        colors: NDArray[np.int64],
+        scale: float,
+    ) -> _Candidates | None:
+        """Name each candidate, drop what does not fit its pattern, and score what is left."""
+        shape = self._shapes[k]
+        gate = shape.gate * scale
+        there = blob >= 0
+        if shape.radii.min() > 0:
+            size = levels.radii(shape.heights[-1])[rows][blob] / (shape.radii * scale)
+            there &= (size > _SIZES[0]) & (size < _SIZES[1])
+        right = (color[blob][:, None, :] == colors[None]) & there[:, None, :]
+        good = right.sum(axis=2)
+        which = good.argmax(axis=1)
+        u = np.arange(len(blob))
+        most = good[u, which]
+        open_name = (good == most[:, None]).sum(axis=1) > 1
+        mask = right[u, which]
+        points = np.where(mask, z[shape.level[None], blob], 0.0)
+        for _ in range(2):
+            origin, turn = _similarity(points, shape.places, mask)
+            if self._metric:
+                middle = (points * mask).sum(axis=1) / np.maximum(mask.sum(axis=1), 1)
+                lever = (shape.places[None] * mask).sum(axis=1) / np.maximum(mask.sum(axis=1), 1)
+                turn = turn / np.maximum(np.abs(turn), 1e-300)
+                origin = middle - turn * lever
+            off = np.abs(points - origin[:, None] - turn[:, None] * shape.places[None])
+            fits = mask & (off < gate)
+            if (fits == mask).all():
+                break
+            mask = fits
+        count = mask.sum(axis=1)
+        size = np.abs(turn)
+        stays = (count >= shape.least) & (np.abs(size / scale - 1.0) < max(_SCALE_SLACK, 1e-6) * 1.5)
+        if not stays.any():
+            return None
+        error = np.sqrt((np.where(mask, off, 0.0) ** 2).sum(axis=1) / np.maximum(count, 1)) / gate
+        missing = len(shape.places) - count
+        score = count - 0.5 * missing - 0.5 * error
+        kept = np.where(mask, rows[blob], -1)
+        pattern = np.where(open_name, -1, which)
+        return _Candidates(k, kept[stays], pattern[stays], score[stays], origin[stays], size[stays])
+
+    def _choose(
+        self, pools: list[_Candidates], used: set[int], before: list[tuple[_Candidates, int]]
+    ) -> tuple[list[tuple[_Candidates, int]], bool]:
+        """The best first, then the best of what has blobs of its own; and whether something lost a blob that it may do without."""
+        entries = [
+            (-s, c, i, row)
+            for c in pools
+            for i, (s, row) in enumerate(zip(c.score.tolist(), c.rows.tolist(), strict=True))
+        ]
+        entries.sort(key=lambda e: (e[0], e[3]))
+        taken = [(c.centre[i], self._shapes[c.shape].span * c.scale[i]) for c, i in before]
+        chosen, again = [], False
+        for _, c, i, row in entries:
+            own = [r for r in row if r >= 0]
+            left = sum(r not in used for r in own)
+            if left < len(own):
+                again |= left >= self._shapes[c.shape].least
+                continue
+            room = self._shapes[c.shape].span * float(c.scale[i])
+            if any(abs(c.centre[i] - centre) < min(room, other) for centre, other in taken):
+                continue
+            chosen.append((c, i))
+            taken.append((c.centre[i], room))
+            used.update(own)
+        return chosen, again
+
+    def _fitted(
+        self, k: int, chosen: list[tuple[_Candidates, int]], levels: _Levels, scale: float
+    ) -> list[tuple[float, Sighting]]:
+        """Least-squares poses of the robots of one shape, and their covariances."""
+        shape = self._shapes[k]
+        rows = np.array([c.rows[i] for c, i in chosen])
+        there = rows >= 0
+        points = np.zeros(rows.shape, dtype=np.complex128)
+        W = np.zeros((*rows.shape, 2, 2))
+        cut = self._cut(k, rows, there, levels, scale)
+        for level, height in enumerate(shape.heights):
+            here = there & (shape.level == level)
+            points[here] = levels.places(height)[rows[here]]
+            spread = levels.covariances(height)[rows[here]] + cut[here, None, None] ** 2 * np.eye(2)
+            W[here] = np.linalg.inv(spread)
+        origin, turn = _similarity(points, shape.places, there)
+        size = np.ones(len(rows)) if self._metric else np.abs(turn)
+        turn = turn / np.abs(turn)
+        if self._metric:
+            count = there.sum(axis=1)
+            middle, lever = (
+                (v * there).sum(axis=1) / count for v in (points, np.broadcast_to(shape.places, rows.shape))
+            )
+            origin = middle - turn * lever
+        for _ in range(2):  # Gauss-Newton; the problem is nearly linear, and the second step is below rounding
+            arm = (size * turn)[:, None] * shape.places[None]
+            off = np.where(there, points - origin[:, None] - arm, 0.0)
+            A = np.zeros((*rows.shape, 2, 3))
+            A[..., 0, 0] = A[..., 1, 1] = 1.0
+            A[..., 0, 2], A[..., 1, 2] = -arm.imag, arm.real
+            AW = A.transpose(0, 1, 3, 2) @ W
+            information = (AW @ A).sum(axis=1)
+            r = np.stack([off.real, off.imag], axis=-1)
+            covariance = np.linalg.inv(information)
+            step = (covariance @ (AW @ r[..., None]).sum(axis=1))[..., 0]
+            origin = origin + step[:, 0] + 1j * step[:, 1]
+            turn = turn * np.exp(1j * step[:, 2])
+        # A misfit that the covariances of the markers do not explain is laid on that of the robot (Birge's ratio).
+        freedom = 2.0 * there.sum(axis=1) - 3.0
+        misfit = (r[..., None, :] @ W @ r[..., None])[..., 0, 0].sum(axis=1)
+        covariance *= np.where(misfit > chdtri(freedom, _MISFIT), misfit / freedom, 1.0)[:, None, None]
+        near = np.exp(-2.0 * (np.abs(off) / (shape.gate * scale)) ** 2)
+        confidence = (near * there).sum(axis=1) / len(shape.places)
+        found = []
+        for n, (c, i) in enumerate(chosen):
+            which = int(c.pattern[i])
+            name = shape.patterns[which].name if which >= 0 else None
+            sighting = Sighting(
+                kind="robot",
+                name=name,
+                position=np.array([origin[n].real, origin[n].imag]),
+                heading=float(np.angle(turn[n])),
+                covariance=0.5 * (covariance[n] + covariance[n].T),
+                blobs=tuple(int(row) for row in rows[n] if row >= 0),
+                confidence=float(confidence[n]),
+            )
+            found.append((float(c.score[i]), sighting))
+        return found
+
+    def _cut(
+        self, k: int, rows: NDArray[np.int64], there: NDArray[np.bool_], levels: _Levels, scale: float
+    ) -> FloatArray:
+        """How far the centroid of each marker may be off because something hides a part of it, from what it lacks of its usual area."""
+        shape, usual = self._shapes[k], self._areas[k]
+        radius = np.where(there, levels.radii(shape.heights[-1])[rows], np.nan)
+        area = (radius / scale) ** 2
+        if np.isnan(usual).any():
+            first = np.nanmax(np.where(there, area, np.nan), axis=0, initial=0.0)
+            usual = self._areas[k] = np.where(np.isnan(usual) & (first > 0), first, usual)
+        with np.errstate(invalid="ignore"):
+            share = area / usual[None]
+            whole = np.abs(share - 1.0) < max(3.0 * np.sqrt(self._scatter[k]), _AREA_NOISE)
+        for n in np.flatnonzero(whole.any(axis=0)):
+            usual[n] *= 1.0 + _AREA_PACE * (float(share[whole[:, n], n].mean()) - 1.0)
+        if whole.any():
+            self._scatter[k] += _AREA_PACE * (float(((share[whole] - 1.0) ** 2).mean()) - self._scatter[k])
+        lost = np.clip(np.nan_to_num(1.0 - share - 2.0 * np.sqrt(self._scatter[k])), 0.0, 0.9)
+        return np.asarray(_CUT * np.nan_to_num(radius) * lost / (1.0 - lost))
+
+    def _find_scale(self, blobs: Blobs, levels: _Levels) -> float | None:
+        """Units to a metre that explain most markers, from a guess by the size of the blobs."""
+        guesses = []
+        for shape in self._shapes:
+            wanted = {m.color for p in shape.patterns for m in p.markers}
+            own = np.isin(blobs.color, [i for i, name in enumerate(blobs.names) if name in wanted])
+            if own.sum() < shape.least:
+                continue
+            if shape.radii.min() > 0:
+                guesses.append(float(np.median(blobs.radius[own]) / np.median(shape.radii)))
+            z = levels.places(shape.heights[0])[own]
+            apart = np.abs(z[:, None] - z[None]) + np.where(np.eye(len(z)), np.inf, 0.0)
+            guesses.append(float(np.median(apart.min(axis=1)) * 0.2 / shape.gate))
+        best: tuple[float, float] | None = None
+        for guess in guesses:
+            for factor in _SCALE_STEPS:
+                robots = self._robots(blobs, levels, set(), guess * factor, learn=False)
+                score = sum(len(r.blobs) * r.confidence for r in robots)
+                if robots and (best is None or score > best[0]):
+                    best = score, self._scale_of(robots, levels, guess * factor)
+        return None if best is None else best[1]
+
+    def _scale_of(self, robots: Sequence[Sighting], levels: _Levels, scale: float) -> float:
+        before, self.scale = self.scale, scale
+        self._robots(levels.blobs, levels, set(), scale, learn=True)
+        found, self.scale = self.scale, before
+        return scale + 10.0 * (found - scale)  # the median itself
+
+    def _single_robots(self, blobs: Blobs, levels: _Levels, used: set[int]) -> list[Sighting]:
+        found = []
+        for pattern in self._single:
+            marker = pattern.markers[0]
+            own: list[int] = []
+            if marker.color in blobs.names:
+                own = [int(r) for r in np.flatnonzero(blobs.color == blobs.names.index(marker.color)) if r not in used]
+            if own:
+                row = max(own, key=lambda r: blobs.area[r])
+                z, cov = levels.places(marker.height)[row], levels.covariances(marker.height)[row]
+                if np.isfinite(z):
+                    used.add(row)
+                    found.append(Sighting("robot", pattern.name, np.array([z.real, z.imag]), None, cov, (row,)))
+        return found
+
+    def _ball(self, blobs: Blobs, levels: _Levels, used: set[int]) -> list[Sighting]:
+        ball = self.patterns.ball
+        if ball is None or ball.color not in blobs.names:
+            return []
+        own = np.flatnonzero(blobs.color == blobs.names.index(ball.color))
+        own = np.array([r for r in own if r not in used], dtype=np.int64)
+        z = levels.places(ball.radius)[own]
+        fit = np.minimum(blobs.circularity[own] / _BALL_ROUND, 1.0)
+        if ball.radius > 0 and self.scale is not None and len(own):
+            share = blobs.area[own] / (
+                np.pi * (ball.radius * levels.pixels_per_unit(ball.radius)[own] * self.scale) ** 2
+            )
+            fit = np.where((share > _BALL_AREA[0]) & (share < _BALL_AREA[1]), fit * np.minimum(share, 1.0 / share), 0.0)
+        else:
+            fit = fit * (blobs.area[own] / blobs.area[own].max(initial=1.0))
+        fit = np.where(np.isfinite(z), fit, 0.0)
+        if not len(own) or fit.max() <= 0:
+            return []
+        best = int(fit.argmax())
+        row = int(own[best])
+        used.add(row)
+        where, covariance = z[best], levels.covariances(ball.radius)[row]
+        confidence = float(min(fit[best], 1.0))
+        return [Sighting("ball", "ball", np.array([where.real, where.imag]), None, covariance, (row,), confidence)]
+
+
+_SCALE_SLACK = 0.08  # of a scale that was found in pixels: perspective and lens make it vary over the image
+_SCALE_STEPS = tuple(float(f) for f in 1.12 ** np.arange(-4, 5))
+
+
+class _Levels:
+    """Places and covariances of the blobs of a frame at the heights that are asked for, each worked out once."""
+
+    def __init__(self, blobs: Blobs, view: View) -> None:
+        self.blobs, self._view = blobs, view
+        self._known: dict[float, tuple[NDArray[np.complex128], FloatArray]] = {}
+        self._sizes: dict[float, FloatArray] = {}
+
+    def _at(self, height: float) -> tuple[NDArray[np.complex128], FloatArray]:
+        if self._view.unit == "px":
+            height = 0.0
+        if height not in self._known:
+            places, covariances = _placed(self.blobs, self._view, height)
+            self._known[height] = (places[:, 0] + 1j * places[:, 1], covariances)
+        return self._known[height]
+
+    def places(self, height: float) -> NDArray[np.complex128]:
+        """``(k,)``, x as the real part."""
+        return self._at(height)[0]
+
+    def covariances(self, height: float) -> FloatArray:
+        """``(k, 2, 2)``."""
+        return self._at(height)[1]
+
+    def pixels_per_unit(self, height: float) -> FloatArray:
+        """How large a unit is in the image, at each blob."""
+        if self._view.unit == "px":
+            return np.ones(len(self.blobs))
+        if height not in self._sizes:
+            J = self._view.jacobian(self.blobs.centroid, height=height)
+            det = np.abs(J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0])
+            with np.errstate(divide="ignore", invalid="ignore"):
+                self._sizes[height] = 1.0 / np.sqrt(det)
+        return self._sizes[height]
+
+    def sized(self, shape: _Shape, scale: float) -> NDArray[np.bool_]:
+        """Which blobs have about the size of a marker of a shape."""
+        if shape.radii.min() <= 0:
+            return np.ones(len(self.blobs), dtype=bool)
+        radius = self.radii(shape.heights[-1]) / scale
+        return np.asarray((radius > _SIZES[0] * shape.radii.min()) & (radius < _SIZES[1] * shape.radii.max()))
+
+    def radii(self, height: float) -> FloatArray:
+        """Radii of discs of the areas of the blobs, in units."""
+        return self.blobs.radius / self.pixels_per_unit(height)
+
+
+def _shapes(robots: Sequence[Pattern], *, mirrored: bool) -> list[_Shape]:
+    """Sort patterns by where their markers are; in pixels, where y goes down, left and right change places."""
+    groups: dict[Any, list[Pattern]] = {}
+    for robot in robots:
+        ordered = tuple(sorted(robot.markers, key=lambda m: (m.position, m.height, m.color)))
+        key = tuple((m.position, m.height, m.radius) for m in ordered)
+        groups.setdefault(key, []).append(replace(robot, markers=ordered))
+    shapes = []
+    for key, patterns in groups.items():
+        places = np.array([x + 1j * y for (x, y), _, _ in key])
+        heights = (0.0,) if mirrored else tuple(sorted({h for _, h, _ in key}))
+        level = np.array([0 if mirrored else heights.index(h) for _, h, _ in key], dtype=np.int64)
+        radii = np.array([r for _, _, r in key])
+        shapes.append(_Shape(places.conj() if mirrored else places, heights, level, radii, tuple(patterns)))
+    return shapes
+
+
+def _similarity(
+    points: NDArray[np.complex128], places: NDArray[np.complex128], mask: NDArray[np.bool_]
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Origins and turns (with a scale) that take places to points best, in the plane of complex numbers."""
+    count = np.maximum(mask.sum(axis=1), 1)
+    middle = (points * mask).sum(axis=1) / count
+    lever = (places[None] * mask).sum(axis=1) / count
+    arms = (places[None] - lever[:, None]) * mask
+    turn = ((points - middle[:, None]) * arms.conj()).sum(axis=1) / np.maximum((np.abs(arms) ** 2).sum(axis=1), 1e-300)
+    return middle - turn * lever, turn
+
+
+def _different(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Indices of rows that differ."""
+    weights = np.array([pow(1_000_003, k + 1, 2**61 - 1) for k in range(rows.shape[1])], dtype=np.uint64)
+    keys = ((rows + 2).astype(np.uint64) * weights).sum(axis=1, dtype=np.uint64)
+    return np.sort(np.unique(keys, return_index=True)[1])
+
+
+def _named_once(robots: list[Sighting]) -> list[Sighting]:
+    """The surest of a name keeps it."""
+    names: set[str] = set()
+    out = []
+    for robot in robots:
+        out.append(replace(robot, name=None) if robot.name in names else robot)
+        if robot.name:
+            names.add(robot.name)
+    return out

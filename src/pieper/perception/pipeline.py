@@ -1,0 +1,220 @@
+"""From frames to estimates: segment, find the patterns, track, each step timed.
+
+``frame -> blobs -> sightings -> estimates``
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from pieper.errors import VisionError, unknown_name
+from pieper.perception.color_table import ColorTable
+from pieper.perception.field_view import PixelView
+from pieper.perception.pattern import PatternFinder, Patterns, load_patterns, lone_markers
+from pieper.perception.segment import segment
+from pieper.perception.track import Tracker, TrackerParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from pieper.perception.blobs import Blobs
+    from pieper.perception.estimate import Estimate
+    from pieper.perception.field_view import View
+    from pieper.perception.frame import Frame
+    from pieper.perception.pattern import Follow
+    from pieper.perception.sighting import Sighting
+
+
+class Colors(Protocol):
+    """What compiles to a table: a `ColorModel`."""
+
+    def table(self) -> ColorTable:
+        """Return the table."""
+        ...
+
+
+class Adaptation(Protocol):
+    """Colours that follow the light slowly; see `pieper.perception.adapt`."""
+
+    @property
+    def table(self) -> ColorTable:
+        """The table to use for the next frame."""
+        ...
+
+    def update(self, frame: Frame, blobs: Blobs) -> object:
+        """Learn from the markers of confirmed objects in a frame."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What one frame gave.
+
+    Attributes
+    ----------
+    index : int
+        Of the frame.
+    time : float
+        Of its capture [s].
+    blobs : Blobs
+        Patches of colour.
+    sightings : tuple of Sighting
+        What this frame alone says; `Sighting.blobs` are rows of `blobs`.
+    estimates : tuple of Estimate
+        What the tracker believes at `time`, in the order of the track numbers; a track that ends is in it once more, as ``"lost"``.
+    milliseconds : mapping of str to float
+        Wall time of ``"segment"``, ``"pattern"``, ``"track"``, ``"adapt"`` and ``"total"``.
+    """
+
+    index: int
+    time: float
+    blobs: Blobs
+    sightings: tuple[Sighting, ...]
+    estimates: tuple[Estimate, ...]
+    milliseconds: Mapping[str, float]
+
+
+class MarkerTracker:
+    """Follows robots, a ball, or single coloured markers through the frames of one camera.
+
+    Parameters
+    ----------
+    colors : ColorModel or ColorTable
+        The colours.
+    view : View
+        Where pixels look; pixels themselves by default.
+    patterns : Patterns, str or Path, optional
+        Marker layouts, the name of a built-in one, or a YAML file. Without any, every colour is followed by itself as a ``"marker"``.
+    ball : str, optional
+        Colour of a ball, if the patterns do not have one.
+    markers : "all", "largest", or a mapping of colours to these
+        Without patterns: which patches of a colour are followed. A colour that a mapping leaves out is not followed.
+    parameters : TrackerParameters, optional
+        Of the tracker; by default those for the unit of the view.
+    adaptation : Adaptation, optional
+        Follows the light.
+    area : (int, int or None), optional
+        Least and greatest area of a patch [px]; by default 12 and no bound.
+
+    Raises
+    ------
+    VisionError
+        A pattern or the ball has a colour that the table does not have.
+
+    Notes
+    -----
+    A frame of another size than the last: in pixels the tracks end and new ones begin, since no place of before means anything now; with
+    a calibrated view it is refused, because the calibration is of one size. Time stamps that jump: see `Tracker.step`.
+    """
+
+    def __init__(
+        self,
+        colors: Colors | ColorTable,
+        *,
+        view: View | None = None,
+        patterns: Patterns | str | Path | None = None,
+        ball: str | None = None,
+        markers: Follow | Mapping[str, Follow] = "all",
+        parameters: TrackerParameters | None = None,
+        adaptation: Adaptation | None = None,
+        area: tuple[int, int | None] = (12, None),
+    ) -> None:
+        self.table = colors if isinstance(colors, ColorTable) else colors.table()
+        self.view: View = PixelView() if view is None else view
+        self.patterns = load_patterns(patterns) if patterns is None or not isinstance(patterns, Patterns) else patterns
+        if ball is not None:
+            self.patterns = self.patterns.with_ball(ball)
+        self.tracker = Tracker(parameters or TrackerParameters.of_unit(self.view.unit))
+        self._finder = PatternFinder(self.patterns, self.view) if self.patterns else None
+        missing = sorted(self.patterns.colors - set(self.table.names))
+        if missing:
+            raise VisionError(
+                f"the patterns have the colours {', '.join(missing)}, which were not learnt; "
+                f"the colours are: {', '.join(self.table.names)}"
+            )
+        self._markers = _per_color(markers, self.table.names)
+        self._adaptation = adaptation
+        self._area = area
+        self._size: tuple[int, int] | None = None
+
+    def step(self, frame: Frame) -> Step:
+        """Take one frame.
+
+        Raises
+        ------
+        VisionError
+            Its size is not that of the calibration, or its time is not a finite number.
+        """
+        self._check_size(frame.size)
+        clock = _Clock()
+        blobs = self._segment(frame)
+        clock.lap("segment")
+        sightings = self._sightings(blobs)
+        clock.lap("pattern")
+        estimates = self.tracker.step(frame.time, sightings)
+        clock.lap("track")
+        if self._adaptation is not None:
+            rows = sorted({row for i in self.tracker.used for row in sightings[i].blobs})
+            self._adaptation.update(frame, blobs.select(np.array(rows, dtype=np.int64)))
+            clock.lap("adapt")
+        return Step(frame.index, frame.time, blobs, sightings, estimates, clock.milliseconds())
+
+    def predict(self, time: float) -> tuple[Estimate, ...]:
+        """Return where everything will be, or was, at another time; see `Tracker.predict`."""
+        return self.tracker.predict(time)
+
+    def _segment(self, frame: Frame) -> Blobs:
+        table = self.table if self._adaptation is None else self._adaptation.table
+        least, most = self._area
+        return segment(frame.image, table, min_area=least, max_area=most)
+
+    def _sightings(self, blobs: Blobs) -> tuple[Sighting, ...]:
+        if self._finder is None:
+            return lone_markers(blobs, self.view, self._markers)
+        return self._finder.find(blobs)
+
+    def _check_size(self, size: tuple[int, int]) -> None:
+        camera = getattr(self.view, "camera", None)
+        if camera is not None and tuple(camera.size) != size:
+            wanted, got = (" x ".join(map(str, s)) for s in (camera.size, size))
+            raise VisionError(
+                f"the camera was calibrated at {wanted} pixels, and a frame has {got}; calibrate at that size"
+            )
+        if self._size not in (None, size):
+            self.tracker.restart(f"frames are now {size[0]} x {size[1]} pixels, before they were {self._size}")
+            if self._finder is not None:
+                self._finder.forget()
+        self._size = size
+
+
+class _Clock:
+    """Wall time of the stages of a step."""
+
+    def __init__(self) -> None:
+        self._start = self._last = perf_counter()
+        self._laps: dict[str, float] = {}
+
+    def lap(self, stage: str) -> None:
+        now = perf_counter()
+        self._laps[stage] = 1e3 * (now - self._last)
+        self._last = now
+
+    def milliseconds(self) -> dict[str, float]:
+        return {**self._laps, "total": 1e3 * (self._last - self._start)}
+
+
+def _per_color(markers: Follow | Mapping[str, Follow], names: tuple[str, ...]) -> dict[str, Follow]:
+    """What is followed of each colour."""
+    if isinstance(markers, str):
+        markers = dict.fromkeys(names, markers)
+    for name, which in markers.items():
+        if name not in names:
+            raise unknown_name("color", name, names)
+        if which not in ("all", "largest"):
+            raise VisionError(f"of a colour, 'all' or 'largest' is followed, got {which!r} for {name!r}")
+    return dict(markers)
