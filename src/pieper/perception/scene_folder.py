@@ -162,8 +162,9 @@ def _halves(scene: Scene, thing: Robot | Ball) -> list[int]:
     """Half the side of a square within each marker [px], whichever way it is turned."""
     focal = scene.view.camera.matrix[0, 0]
     scale = focal / float(np.linalg.norm(scene.view.T_camera_field[:3, 3]))
-    inner = [thing.radius]
-    if isinstance(thing, Robot):
+    if isinstance(thing, Ball):
+        inner = [thing.radius]
+    else:
         inner = [m.radius if m.box is None else min(m.box) / 2 for m in thing.model.markers]
     return [
         max(0, int((radius * scale - 0.7) / np.sqrt(2) - 0.5)) for radius in inner
