@@ -78,7 +78,15 @@ def test_A5_A6_means_and_covariances_are_printed_as_the_report_prints_them(piepe
 
 def test_A3_captures_without_names_go_to_the_colours_in_their_order(pieper_command, folder, tmp_path):
     boxes = [bare("red", 0, 0), bare("red", 1, 3), bare("blue", 0, 0), bare("blue", 1, 2)]
-    command = ["learn-colour", folder, "--color=Rojo=#ff0000", "--color=Azul", "--captures=2", "--out", tmp_path / "c.yaml"]
+    command = [
+        "learn-colour",
+        folder,
+        "--color=Rojo=#ff0000",
+        "--color=Azul",
+        "--captures=2",
+        "--out",
+        tmp_path / "c.yaml",
+    ]
     assert pieper_command(*command, *boxes).code == 0
     regions = ColorModel.load(tmp_path / "c.yaml").notes["regions"]
     assert [(r["color"], r["frame"]) for r in regions] == [("Rojo", 0), ("Rojo", 3), ("Azul", 0), ("Azul", 2)]
@@ -90,7 +98,9 @@ def test_A3_captures_without_names_go_to_the_colours_in_their_order(pieper_comma
 def test_A3_each_colour_has_to_have_its_captures(pieper_command, folder, tmp_path):
     result = pieper_command("learn-colour", folder, *ALL[:-1], "--captures=2", "--out", tmp_path / "c.yaml")
     assert (result.code, result.err) == (2, "pieper: colour 'green' needs 2 captures, got 1\n")
-    result = pieper_command("learn-colour", folder, roi("red"), "--color=red", "--color=blue", "--out", tmp_path / "c.yaml")
+    result = pieper_command(
+        "learn-colour", folder, roi("red"), "--color=red", "--color=blue", "--out", tmp_path / "c.yaml"
+    )
     assert "colour 'blue' needs one capture at least, got 0" in result.err
     assert not list(tmp_path.iterdir())
 
@@ -161,6 +171,8 @@ def test_a_preview_shows_frame_and_findings(pieper_command, folder, tmp_path):
 
 
 def test_remarks_are_printed(pieper_command, folder, tmp_path):
-    result = pieper_command("learn-colour", folder, roi("red"), roi("red").replace("red:", "crimson:"), "--out", tmp_path / "c.yaml")
+    result = pieper_command(
+        "learn-colour", folder, roi("red"), roi("red").replace("red:", "crimson:"), "--out", tmp_path / "c.yaml"
+    )
     assert result.code == 0
     assert "note: colours 'red' and 'crimson' overlap" in result.out

@@ -31,9 +31,7 @@ def model(taught):
 
 def test_A2_one_model_for_each_colour_with_its_name_and_draw_colour():
     names = ("Rojo", "Azul", "my green")
-    regions = [
-        Region(name, 0, r.x, r.y, r.width, r.height) for name, r in zip(names, map(box, PAINT), strict=True)
-    ]
+    regions = [Region(name, 0, r.x, r.y, r.width, r.height) for name, r in zip(names, map(box, PAINT), strict=True)]
     model = learn(lambda n: frame(), regions, draw={"my green": (1, 2, 3)}).model
     assert model.names == names
     assert model.means.shape == (3, 3)
@@ -280,9 +278,13 @@ def test_grey_and_16_bit_frames_are_refused(image):
 
 def test_A4_regions_in_files(tmp_path):
     wanted = [Region("red", 1, 2, 3, 4, 5), Region("red", 2, 2, 3, 4, 5), Region("blue", 1, 9, 9, 4, 5)]
-    (tmp_path / "r.yaml").write_text("colors:\n  red: [[1, 2, 3, 4, 5], [2, 2, 3, 4, 5]]\n  blue: [[1, 9, 9, 4, 5]]\ndraw: {red: '#ff0000'}\n")
+    (tmp_path / "r.yaml").write_text(
+        "colors:\n  red: [[1, 2, 3, 4, 5], [2, 2, 3, 4, 5]]\n  blue: [[1, 9, 9, 4, 5]]\ndraw: {red: '#ff0000'}\n"
+    )
     assert read_regions(tmp_path / "r.yaml") == (wanted, {"red": (0, 0, 255)})
-    (tmp_path / "r.csv").write_text("color,frame,x,y,width,height\nred,1,2,3,4,5\nred,2,2,3,4,5\n\nblue, 1, 9, 9, 4, 5\n")
+    (tmp_path / "r.csv").write_text(
+        "color,frame,x,y,width,height\nred,1,2,3,4,5\nred,2,2,3,4,5\n\nblue, 1, 9, 9, 4, 5\n"
+    )
     assert read_regions(tmp_path / "r.csv")[0] == wanted
 
 

@@ -55,7 +55,14 @@ def ask(page, path, *, body=None, method=None, host=None, origin="own", token=Tr
 
 
 def row(region):
-    return {"color": region.color, "frame": region.frame, "x": region.x, "y": region.y, "width": region.width, "height": region.height}
+    return {
+        "color": region.color,
+        "frame": region.frame,
+        "x": region.x,
+        "y": region.y,
+        "width": region.width,
+        "height": region.height,
+    }
 
 
 def test_the_page_comes_with_its_token_and_asks_nothing_from_elsewhere(page):
@@ -159,7 +166,9 @@ def test_a_preview_is_a_picture_and_remarks(page):
 
 
 def test_A4_done_gives_the_boxes_to_who_waits(page):
-    threading.Timer(0.05, ask, (page, "/done"), {"body": {"regions": [row(box("red")), row(box("blue", 1, 2))]}}).start()
+    threading.Timer(
+        0.05, ask, (page, "/done"), {"body": {"regions": [row(box("red")), row(box("blue", 1, 2))]}}
+    ).start()
     assert page.wait(PATIENCE) == [box("red"), box("blue", 1, 2)]
 
 

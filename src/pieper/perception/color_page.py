@@ -90,7 +90,9 @@ class ColorPage:
         self._server.daemon_threads = True
         self.port = int(self._server.server_address[1])
         self.url = f"http://127.0.0.1:{self.port}/?token={self._token}"
-        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.05,), name="pieper-colors", daemon=True)
+        self._thread = threading.Thread(
+            target=self._server.serve_forever, args=(0.05,), name="pieper-colors", daemon=True
+        )
         self._thread.start()
 
     def wait(self, timeout: float | None = None) -> list[Region]:

@@ -24,7 +24,9 @@ def chromium():
         pytest.skip("no Chromium is installed (apt-get install chromium)")
     with playwright.sync_playwright() as runner:
         # No sandbox, as the tests may run as root; nothing but our own page is opened.
-        browser = runner.chromium.launch(executable_path=path, args=["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"])
+        browser = runner.chromium.launch(
+            executable_path=path, args=["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
+        )
         yield browser
         browser.close()
 
