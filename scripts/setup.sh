@@ -203,12 +203,27 @@ ensure_package() {
     env PATH="$venv/bin:$PATH" "$python" -m pip install --no-build-isolation .
 }
 
+# A tool that tests compare with, after ensure_package. It asks for opencv-python, which would overwrite opencv-python-headless; what
+# is used of it, its figures, needs NumPy and SciPy alone. The tests say so and skip where it cannot be had.
+ensure_trackeval() {
+  ( once trackeval trackeval-1.3.0 "installing trackeval" "$python" -m pip install --no-deps trackeval==1.3.0 ) ||
+    say "   the tests against trackeval will be skipped"
+}
+
 # Builds and runs the tests of the C++ library, which need no Python; cmake and ninja are those on PATH.
 native_tests() {
   ensure_compiler
   step "configuring the native tests" cmake -S . -B build/native-tests -G Ninja -DCMAKE_BUILD_TYPE=Release
   step "compiling the native tests" cmake --build build/native-tests
   ctest --test-dir build/native-tests/native --output-on-failure
+}
+
+# The same tests under the address and undefined behaviour sanitisers.
+sanitized_tests() {
+  ensure_compiler
+  step "configuring the sanitised tests" cmake -S . -B build/sanitized-tests -G Ninja -DCMAKE_BUILD_TYPE=Release -DPIEPER_SANITIZE=ON
+  step "compiling the sanitised tests" cmake --build build/sanitized-tests
+  ctest --test-dir build/sanitized-tests/native --output-on-failure
 }
 
 # The bus on a real rclpy, in an environment of its own on top of this one: where rclpy is, every node would take it.

@@ -483,7 +483,7 @@ class Refiner {
       if ((others_[word] >> x % 64 & 1) == 0) {
         const Color p = pixels(y0 + y, x0 + x);
         const double raw = offset + d[0] * p.c[0] + d[1] * p.c[1] + d[2] * p.c[2];
-        cover = std::clamp(raw, 0.0, 1.0), variance = cover == raw ? noise : 0;
+        cover = std::min(std::max(raw, 0.0), 1.0), variance = cover == raw ? noise : 0;
       }
       const double u = static_cast<double>(x) - cx, v = static_cast<double>(y) - cy, more = cover - labelled;
       n += more, dx += more * u, dy += more * v;

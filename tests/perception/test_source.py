@@ -33,6 +33,12 @@ def _no_thread_is_left():
     assert not [t.name for t in threading.enumerate() if t.name == "pieper-frames"]
 
 
+def take_all(source, into):
+    """Take frames until there is an error, and keep those before it."""
+    for frame in source:
+        into.append(frame)
+
+
 def frames_of(what, **options):
     with open_source(what, **options) as source:
         return list(source)
@@ -76,9 +82,9 @@ def test_an_unknown_codec_is_refused(clip, tmp_path):
 def test_a_part_of_a_video(clip):
     assert [f.index for f in frames_of(clip, start=7, stop=12)] == [7, 8, 9, 10, 11]
     assert [number_in(f.image) for f in frames_of(clip, start=7, stop=12)] == [7, 8, 9, 10, 11]
-    with pytest.raises(VisionError, match="Error: Not valid frame number: 40; clip.mp4 has 40 frames, 0 to 39"):
+    with pytest.raises(VisionError, match=r"Error: Not valid frame number: 40; clip.mp4 has 40 frames, 0 to 39"):
         frames_of(clip, start=COUNT)
-    with pytest.raises(VisionError, match="start must be 0 or more and before stop, got start 5, stop 5"):
+    with pytest.raises(VisionError, match=r"start must be 0 or more and before stop, got start 5, stop 5"):
         open_source(clip, start=5, stop=5)
 
 
@@ -95,22 +101,24 @@ def test_A3_every_frame_is_the_one_asked_for(tmp_path):
 
 @pytest.mark.parametrize("number", [-1, COUNT, 10**9])
 def test_A3_P2_a_number_of_no_frame_is_rejected(clip, number):
-    with pytest.raises(VisionError, match=f"^Error: Not valid frame number: {number}; clip.mp4 has 40 frames, 0 to 39$"):
+    with pytest.raises(
+        VisionError, match=rf"^Error: Not valid frame number: {number}; clip.mp4 has 40 frames, 0 to 39$"
+    ):
         read_frame(clip, number)
 
 
 @pytest.mark.parametrize("number", ["7", 2.0, None, True])
 def test_A3_P2_a_number_must_be_whole(clip, number):
-    with pytest.raises(VisionError, match="^Error: Not valid frame number: "):
+    with pytest.raises(VisionError, match=r"^Error: Not valid frame number: "):
         read_frame(clip, number)
 
 
 def test_A3_an_unreadable_frame_is_reported(tmp_path):
     cv2.imwrite(str(tmp_path / "0.png"), numbered(0))
     (tmp_path / "1.png").write_bytes(b"no image")
-    with pytest.raises(VisionError, match="frame 1, 1.png, cannot be read as an image"):
+    with pytest.raises(VisionError, match=r"frame 1, 1.png, cannot be read as an image"):
         read_frame(tmp_path, 1)
-    with pytest.raises(VisionError, match="Error: Not valid frame number: 2; .* has 2 frames, 0 to 1"):
+    with pytest.raises(VisionError, match=r"Error: Not valid frame number: 2; .* has 2 frames, 0 to 1"):
         read_frame(tmp_path, 2)
     assert number_in(read_frame(tmp_path, 0).image) == 0
 
@@ -119,7 +127,9 @@ def test_a_truncated_video_keeps_what_was_read(tmp_path):
     whole = numbered_clip(tmp_path / "whole.avi", COUNT, code="MJPG").read_bytes()
     cut = tmp_path / "cut.avi"
     cut.write_bytes(whole[: len(whole) // 2])
-    with pytest.warns(PieperWarning, match="cut.avi is cut off or damaged: it claims 40 frames, and ended after .*kept"):
+    with pytest.warns(
+        PieperWarning, match=r"cut.avi is cut off or damaged: it claims 40 frames, and ended after .*kept"
+    ):
         frames = frames_of(cut)
     assert 5 <= len(frames) < COUNT
     assert [number_in(f.image) for f in frames[:-1]] == list(range(len(frames) - 1))
@@ -139,7 +149,9 @@ def variable(tmp_path_factory):
     plain = numbered_clip(folder / "plain.avi", 31, code="MJPG")
     for suffix in ("mp4", "mkv"):
         keep = "select='lt(n,10)+not(mod(n,3))'"
-        ffmpeg("-i", plain, "-vf", keep, "-fps_mode", "vfr", "-c:v", "libx264", "-qp", 10, folder / f"variable.{suffix}")
+        ffmpeg(
+            "-i", plain, "-vf", keep, "-fps_mode", "vfr", "-c:v", "libx264", "-qp", 10, folder / f"variable.{suffix}"
+        )
     return folder
 
 
@@ -225,10 +237,13 @@ def test_images_come_in_natural_order(tmp_path):
 
 
 def test_a_folder_without_images_is_refused(tmp_path):
-    with pytest.raises(VisionError, match="holds no images; they end in .bmp"):
+    with pytest.raises(VisionError, match=r"holds no images; they end in .bmp"):
         open_source(tmp_path)
     (tmp_path / "a.png").write_bytes(b"")
-    with pytest.raises(VisionError, match="holds no image that can be read"), pytest.warns(PieperWarning, match="left out"):
+    with (
+        pytest.raises(VisionError, match=r"holds no image that can be read"),
+        pytest.warns(PieperWarning, match=r"left out"),
+    ):
         frames_of(tmp_path)
 
 
@@ -236,7 +251,7 @@ def test_an_unreadable_image_is_left_out_and_said(tmp_path):
     for n in range(3):
         cv2.imwrite(str(tmp_path / f"{n}.png"), numbered(n))
     (tmp_path / "1.png").write_bytes(b"broken")
-    with pytest.warns(PieperWarning, match="frame 1, 1.png, cannot be read as an image; it is left out"):
+    with pytest.warns(PieperWarning, match=r"frame 1, 1.png, cannot be read as an image; it is left out"):
         assert [f.index for f in frames_of(tmp_path)] == [0, 2]
 
 
@@ -254,13 +269,13 @@ def test_grey_and_16_bit_images_are_converted_and_said(tmp_path):
 
 
 def test_numbers_that_are_no_pixels_are_refused():
-    with pytest.raises(VisionError, match="frame 0 of frames must be of 8 bits .uint8., got float64"):
+    with pytest.raises(VisionError, match=r"frame 0 of frames must be of 8 bits .uint8., got float64"):
         frames_of([np.zeros((4, 4, 3))])
     with pytest.raises(VisionError, match=r"must have shape \(height, width, 3\), got \(4, 4, 2\)"):
         frames_of([np.zeros((4, 4, 2), np.uint8)])
-    with pytest.raises(VisionError, match="frames holds no frames"):
+    with pytest.raises(VisionError, match=r"frames holds no frames"):
         frames_of([])
-    with pytest.raises(VisionError, match="a source must be a path, a camera number, an address"):
+    with pytest.raises(VisionError, match=r"a source must be a path, a camera number, an address"):
         open_source(object())
 
 
@@ -268,11 +283,10 @@ def test_a_size_that_changes_ends_it_after_the_frames_before(tmp_path):
     for n in range(4):
         cv2.imwrite(str(tmp_path / f"{n}.png"), numbered(n, SIZE if n < 3 else (48, 32)))
     taken = []
-    with open_source(tmp_path) as source:
-        with pytest.raises(VisionError, match="frame 3 of .* is 48 x 32, those before were 96 x 32"):
-            for frame in source:
-                taken.append(frame.index)
-    assert taken == [0, 1, 2]
+    words = "frame 3 of .* is 48 x 32, those before were 96 x 32"
+    with open_source(tmp_path) as source, pytest.raises(VisionError, match=words):
+        take_all(source, taken)
+    assert [f.index for f in taken] == [0, 1, 2]
 
 
 # --- lists
@@ -287,12 +301,12 @@ def test_frames_and_times_of_ones_own():
 
 def test_times_of_ones_own_that_jump_or_go_back_are_said():
     image = numbered(1)
-    with pytest.warns(PieperWarning, match="the time stamp of frame 2 does not go forward"):
+    with pytest.warns(PieperWarning, match=r"the time stamp of frame 2 does not go forward"):
         times = [f.time for f in frames_of([(image, 0.0), (image, 0.1), (image, 0.05), (image, 0.2)], fps=10)]
     assert np.allclose(times, [0.0, 0.1, 0.2, 0.3])
-    with pytest.warns(PieperWarning, match="the time stamps jump by 60.000 s at frame 1; they are kept"):
+    with pytest.warns(PieperWarning, match=r"the time stamps jump by 60.000 s at frame 1; they are kept"):
         assert [f.time for f in frames_of([(image, 0.0), (image, 60.0)])] == [0.0, 60.0]
-    with pytest.warns(PieperWarning, match="does not go forward"):
+    with pytest.warns(PieperWarning, match=r"does not go forward"):
         assert np.isfinite([f.time for f in frames_of([(image, 0.0), (image, float("nan"))])]).all()
 
 
@@ -304,16 +318,16 @@ def test_raw_frames_of_a_pipe():
     frames = frames_of(io.BytesIO(data), size=SIZE, fps=50)
     assert [number_in(f.image) for f in frames] == list(range(5))
     assert [f.time for f in frames] == [0.0, 0.02, 0.04, 0.06, 0.08]
-    with pytest.warns(PieperWarning, match="ended within a frame; the 100 bytes of it are left out"):
+    with pytest.warns(PieperWarning, match=r"ended within a frame; the 100 bytes of it are left out"):
         assert len(frames_of(io.BytesIO(data + bytes(100)), size=SIZE)) == 5
 
 
 def test_a_pipe_that_says_nothing_of_itself_is_refused():
-    with pytest.raises(VisionError, match="holds neither Y4M nor MJPEG; for raw BGR frames say --size WIDTHxHEIGHT"):
+    with pytest.raises(VisionError, match=r"holds neither Y4M nor MJPEG; for raw BGR frames say --size WIDTHxHEIGHT"):
         frames_of(io.BytesIO(bytes(1000)))
-    with pytest.raises(VisionError, match="holds no frames"):
+    with pytest.raises(VisionError, match=r"holds no frames"):
         frames_of(io.BytesIO(b""))
-    with pytest.raises(VisionError, match="size must be a positive width and height, got 0 x 5"):
+    with pytest.raises(VisionError, match=r"size must be a positive width and height, got 0 x 5"):
         open_source(io.BytesIO(b""), size=(0, 5))
 
 
@@ -321,7 +335,7 @@ def test_motion_jpeg_of_a_pipe():
     pictures = [cv2.imencode(".jpg", numbered(n))[1].tobytes() for n in range(6)]
     assert [number_in(f.image) for f in frames_of(io.BytesIO(b"".join(pictures)))] == list(range(6))
     broken = pictures[0] + b"\xff\xd8 damaged \xff\xd9" + pictures[2]
-    with pytest.warns(PieperWarning, match="a JPEG of .* cannot be decoded and is left out"):
+    with pytest.warns(PieperWarning, match=r"a JPEG of .* cannot be decoded and is left out"):
         assert [number_in(f.image) for f in frames_of(io.BytesIO(broken))] == [0, 2]
 
 
@@ -332,7 +346,7 @@ def test_y4m_of_a_pipe(tmp_path, pixels):
     frames = frames_of(io.BytesIO(y4m.read_bytes()))
     assert [number_in(f.image) for f in frames] == list(range(5))
     assert [f.time for f in frames] == [0.0, 0.05, 0.1, 0.15, 0.2]
-    with pytest.warns(PieperWarning, match="ended within a frame"):
+    with pytest.warns(PieperWarning, match=r"ended within a frame"):
         assert len(frames_of(io.BytesIO(y4m.read_bytes()[:-10]))) == 4
 
 
@@ -346,7 +360,7 @@ def test_y4m_keeps_colours():
 
 @pytest.mark.parametrize("header", [b"YUV4MPEG2 W6\n", b"YUV4MPEG2 W6 H4 C420p10\n", b"YUV4MPEG2 W999999 H4\n"])
 def test_y4m_that_cannot_be_is_refused(header):
-    with pytest.raises(VisionError, match="Y4M"):
+    with pytest.raises(VisionError, match=r"Y4M"):
         frames_of(io.BytesIO(header))
 
 
@@ -403,8 +417,7 @@ def test_a_camera_that_is_unplugged_is_opened_again():
     with open_source(reader, queue=10) as source, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         with pytest.raises(VisionError, match=r"camera 0 gave no image for \d+ s; given up"):
-            for frame in source:
-                taken.append(frame)
+            take_all(source, taken)
         said = [str(w.message) for w in caught]
     assert [number_in(f.image) for f in taken] == [0, 1, 2, 3]
     assert [f.index for f in taken] == [0, 1, 2, 3]
@@ -419,7 +432,7 @@ def test_the_pauses_between_attempts_grow(monkeypatch):
     pauses = []
     monkeypatch.setattr("pieper.perception.reader._pause", lambda seconds, stopped: pauses.append(seconds))
     reader = LiveReader("camera 0", FakeCamera([numbered(0)]), first_wait=0.5, longest_wait=4.0, patience=0.05)
-    with open_source(reader) as source, pytest.warns(PieperWarning), pytest.raises(VisionError, match="given up"):
+    with open_source(reader) as source, pytest.warns(PieperWarning), pytest.raises(VisionError, match=r"given up"):
         list(source)
     assert pauses[:5] == [0.5, 1.0, 2.0, 4.0, 4.0]
 
@@ -427,11 +440,11 @@ def test_the_pauses_between_attempts_grow(monkeypatch):
 def test_a_camera_that_is_not_there_is_refused():
     camera = FakeCamera([])
     camera.absent = 1
-    with pytest.raises(VisionError, match="camera 3 cannot be opened; is it plugged in, free, and readable"):
+    with pytest.raises(VisionError, match=r"camera 3 cannot be opened; is it plugged in, free, and readable"):
         LiveReader("camera 3", camera)
-    with pytest.raises(VisionError, match="camera 97 cannot be opened"):
+    with pytest.raises(VisionError, match=r"camera 97 cannot be opened"):
         open_source("/dev/video97")
-    with pytest.raises(VisionError, match="camera 97 cannot be opened"):
+    with pytest.raises(VisionError, match=r"camera 97 cannot be opened"):
         open_source(97)
 
 
@@ -442,10 +455,9 @@ def test_late_frames_of_a_camera_are_dropped_and_counted():
         warnings.simplefilter("ignore", PieperWarning)
         time.sleep(0.2)  # nobody takes a frame
         frames = []
-        with pytest.raises(VisionError, match="given up"):
-            for frame in source:
-                frames.append(frame.index)
-        assert frames == [26, 27, 28, 29]  # the newest
+        with pytest.raises(VisionError, match=r"given up"):
+            take_all(source, frames)
+        assert [f.index for f in frames] == [26, 27, 28, 29]  # the newest
         assert source.dropped == 26
 
 
@@ -459,5 +471,5 @@ def test_a_stream_that_does_not_answer_is_refused_without_its_password():
 def test_a_file_name_is_never_an_address(tmp_path):
     # FFmpeg would take such names for protocols and playlists of other files
     for name in ("concat:a.mp4|b.mp4", "subfile,,start,0,end,9,,:a.mp4", str(tmp_path / "img_%03d.png")):
-        with pytest.raises(VisionError, match="no such file or folder"):
+        with pytest.raises(VisionError, match=r"no such file or folder"):
             open_source(name)

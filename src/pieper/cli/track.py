@@ -88,6 +88,7 @@ def track(
     """Follow coloured markers, or robots that carry them; in pixels, or in metres with --field."""
     from pieper.perception.follow import Summary, follow
     from pieper.perception.opencv import quiet
+    from pieper.perception.output import create_tracks
     from pieper.perception.overlay import Overlay
     from pieper.perception.source import open_source
 
@@ -100,7 +101,8 @@ def track(
     )
     summary, stopped = Summary(), False
     with ExitStack() as stack:
-        table, resumed = _table(stack, out, view.unit, source, resume, warm_up, start)
+        name = source if source == "-" or "://" in source else Path(source).name
+        table, resumed = _continued(stack, out if resume else None, view.unit, source, name, warm_up, start)
         frames = stack.enter_context(
             open_source(
                 source,
@@ -111,6 +113,9 @@ def track(
                 patience=patience,
             )
         )
+        if out is not None and table is None:
+            table = create_tracks(out, unit=view.unit, source=name)
+            stack.callback(table.close)
         film = _film(stack, video, frames, resumed)
         overlay = Overlay(view, colors=dict(zip(model.names, model.draw, strict=True)), height=heights, trail=trail)
         try:
@@ -152,6 +157,7 @@ def _tracker(
     method: str, adapt: bool, tracked: str,
 ) -> tuple[Any, Follows, View, dict[str, float]]:  # fmt: skip
     """The colour model, the tracker, the view, and the heights of what is drawn."""
+    from pieper.perception.adapt import LightAdaptation
     from pieper.perception.color import ColorModel
     from pieper.perception.field_view import PixelView
     from pieper.perception.pipeline import MarkerTracker
@@ -165,17 +171,13 @@ def _tracker(
             )
         return model, _report(model, colors, tracked), view, {}
     if field is not None:
-        from pieper.perception.field import load_view
+        from pieper.perception.calibration_file import load_view
 
         view = load_view(field)
     for name in largest:
         if name not in model.names:
             raise unknown_name("color", name, model.names, str(colors))
-    adaptation = None
-    if adapt:
-        from pieper.perception.adapt import LightAdaptation
-
-        adaptation = LightAdaptation(model)
+    adaptation = LightAdaptation(model) if adapt else None
     tracker = MarkerTracker(
         model,
         view=view,
@@ -205,25 +207,22 @@ def _report(model: Any, colors: Path, tracked: str) -> Follows:
     return ReportPipeline(ReportTracker(learned))
 
 
-def _table(
-    stack: ExitStack, out: Path | None, unit: str, source: str, resume: bool, warm_up: float, start: int
+def _continued(
+    stack: ExitStack, out: Path | None, unit: str, source: str, name: str, warm_up: float, start: int
 ) -> tuple[TrackWriter | None, Resumed | None]:
+    """The table that is gone on with, if there is one."""
     from pieper.perception.follow import Resumed
-    from pieper.perception.output import continue_tracks, create_tracks
+    from pieper.perception.output import continue_tracks
 
     if out is None:
         return None, None
-    resumed = None
-    name = source if source == "-" or "://" in source else Path(source).name
-    if resume and source != "-" and not Path(source).exists():
+    if not Path(source).exists():
         raise VisionError(f"only a video file or a folder of images can be resumed, got {source!r}")
-    if resume and out.exists():
-        table, kept = continue_tracks(out, unit=unit, source=name)
-        resumed = Resumed(kept, warm_up=warm_up, first=start)
-    else:
-        table = create_tracks(out, unit=unit, source=name)
+    if not out.exists():
+        return None, None
+    table, kept = continue_tracks(out, unit=unit, source=name)
     stack.callback(table.close)
-    return table, resumed
+    return table, Resumed(kept, warm_up=warm_up, first=start)
 
 
 def _film(stack: ExitStack, video: Path | None, frames: Source, resumed: Resumed | None) -> VideoFile | None:

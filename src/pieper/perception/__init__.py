@@ -9,6 +9,8 @@
 `camera`         a camera as numbers: matrix, distortion, size
 `field_view`     where on the field a pixel looks: metres from pixels, or pixels as they are
 `color_table`    which colour a pixel is, as a table over all pixels
+`segment`        from a frame to patches of colour, in one compiled pass
+`masks`          masks of colours, for people who want to look
 `blobs`          connected patches of one colour in one frame
 `sighting`       what one frame says of one object
 `estimate`       what the tracker believes of one object

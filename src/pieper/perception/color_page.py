@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
 
 from pieper.errors import PieperError, VisionError
-from pieper.perception.color import default_draw
+from pieper.perception.color import DRAWN, Bgr
 from pieper.perception.color_learning import Region, classified, learn
 from pieper.perception.opencv import opencv
 from pieper.perception.source import probe, read_frame
@@ -90,7 +90,9 @@ class ColorPage:
         self._server.daemon_threads = True
         self.port = int(self._server.server_address[1])
         self.url = f"http://127.0.0.1:{self.port}/?token={self._token}"
-        self._thread = threading.Thread(target=self._server.serve_forever, name="pieper-colors", daemon=True)
+        self._thread = threading.Thread(
+            target=self._server.serve_forever, args=(0.05,), name="pieper-colors", daemon=True
+        )
         self._thread.start()
 
     def wait(self, timeout: float | None = None) -> list[Region]:
@@ -135,7 +137,7 @@ class ColorPage:
 
     def state(self) -> dict[str, Any]:
         """What the page begins with."""
-        draw = {name: _css(default_draw(name)) for name in self._names if default_draw(name)}
+        draw = {name: _css(bgr) for name, bgr in DRAWN.items()}
         regions = [asdict(region) for region in self._regions]
         return {"names": self._names, "regions": regions, "frames": self._frames.count, "draw": draw}
 
@@ -306,12 +308,13 @@ def _regions(body: dict[str, Any]) -> list[Region]:
     found = []
     for row in rows:
         numbers = [row.get(key) for key in ("frame", "x", "y", "width", "height")] if isinstance(row, dict) else []
-        if not numbers or not all(type(n) is int and abs(n) < 1 << 31 for n in numbers):
+        whole = [n for n in numbers if type(n) is int and abs(n) < 1 << 31]
+        if len(whole) != 5:
             raise VisionError("a region must have whole numbers frame, x, y, width and height")
         color = row.get("color")
         if not isinstance(color, str) or not 0 < len(color.strip()) <= 40:
             raise VisionError("a region must have a colour of 1 to 40 letters")
-        found.append(Region(color.strip(), *numbers))
+        found.append(Region(color.strip(), *whole))
     return found
 
 
@@ -322,6 +325,6 @@ def _encoded(kind: str, image: Image) -> bytes:
     return bytes(raw.tobytes())
 
 
-def _css(bgr: tuple[int, int, int] | None) -> str:
-    b, g, r = bgr or (128, 128, 128)
+def _css(bgr: Bgr) -> str:
+    b, g, r = bgr
     return f"#{r:02x}{g:02x}{b:02x}"

@@ -151,7 +151,7 @@ def gaussian_mask(hsv: Image, mean: FloatArray, covariance: FloatArray, threshol
     array([[255, 0]], dtype=uint8)
     """
     away = hsv.reshape(-1, 3).astype(np.float64) - mean
-    squared = np.sum(away @ np.linalg.inv(covariance) * away, axis=1)
+    squared = np.einsum("ij,jk,ik->i", away, np.linalg.inv(covariance), away)
     near = np.sqrt(squared) < threshold
     return np.asarray(near.reshape(hsv.shape[:2]), dtype=np.uint8) * np.uint8(255)
 

@@ -13,7 +13,6 @@ import numpy as np
 from pieper.errors import ArrayError, unknown_name
 from pieper.perception.camera import Camera
 from pieper.perception.field_view import FieldView
-from pieper.perception.pattern import BallPattern, Pattern, PatternMarker, Patterns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -299,16 +298,6 @@ class Scene:
         """The robots alone."""
         return tuple(thing for thing in self.things if isinstance(thing, Robot))
 
-    @property
-    def patterns(self) -> Patterns:
-        """What the pattern finder has to know of the robots and the ball."""
-        robots = tuple(
-            Pattern(robot.name, tuple(_as_known(marker, robot.model.height) for marker in robot.model.markers))
-            for robot in self.robots
-        )
-        balls = [BallPattern(thing.color, thing.radius) for thing in self.things if isinstance(thing, Ball)]
-        return Patterns(robots, balls[0] if balls else None)
-
     def progress(self, index: int) -> float:
         """0 at the first frame, 1 at the last."""
         return index / (self.frames - 1) if self.frames > 1 else 0.0
@@ -323,10 +312,6 @@ class Scene:
         if effects:
             changes["effects"] = replace(self.effects, **effects)  # type: ignore[arg-type]
         return replace(self, **changes)  # type: ignore[arg-type]
-
-
-def _as_known(marker: Marker, height: float) -> PatternMarker:
-    return PatternMarker(marker.color, (marker.x, marker.y), height, float(np.sqrt(marker.area / np.pi)))
 
 
 def circle(radius: float, corners: int = 48) -> FloatArray:
@@ -377,15 +362,15 @@ def overhead(
 SOCCER = Model(
     "soccer",
     (
-        Marker("red", 0.045, 0.0, 0.034),
-        Marker("blue", -0.045, 0.0, 0.034),
+        Marker("blue", 0.045, 0.0, 0.034),
+        Marker("red", -0.045, 0.0, 0.034),
         Marker("green", 0.0, 0.062, 0.031),
         Marker("green", 0.0, -0.062, 0.031),
     ),
     radius=0.11,
     height=0.12,
 )
-"""The soccer robot of the report: red ahead, blue behind, a green on either side."""
+"""The soccer robot of the report: blue ahead, red behind, a green on either side."""
 
 # Places of the four outer dots of the butterfly of the Small Size League: 65 mm from the middle, the front pair wider apart.
 _DOTS = ((0.035, 0.054772), (-0.054772, 0.035), (-0.054772, -0.035), (0.035, -0.054772))

@@ -23,6 +23,7 @@ from pieper.perception.calibration_file import save_camera, save_view
 from pieper.perception.color_learning import Region, regions_as_data
 from pieper.perception.opencv import opencv
 from pieper.perception.output import VideoFile
+from pieper.perception.pattern import FORMAT, Patterns
 from pieper.perception.scene import Ball, Robot
 from pieper.perception.synthetic import Renderer
 from pieper.perception.yaml_file import write_bytes, write_yaml
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pieper.perception.frame import Image
-    from pieper.perception.pattern import Patterns
     from pieper.perception.scene import Scene
 
 VIDEO, FRAMES, TRUTH, CAMERA = "video.mp4", "frames", "truth.jsonl", "camera.yaml"
@@ -81,7 +81,7 @@ def write(
     to.mkdir(parents=True, exist_ok=True)
     save_camera(to / CAMERA, scene.view.camera)
     save_view(to / FIELD, scene.view, field=(scene.pitch.length, scene.pitch.width), camera_file=to / CAMERA)
-    write_yaml(to / PATTERNS, patterns_as_data(scene.patterns))
+    write_yaml(to / PATTERNS, patterns_as_data(Patterns.of_scene(scene)))
     write_yaml(to / REGIONS, regions_as_data(color_regions(scene)))
     film = _Pictures(to / FRAMES) if lossless else VideoFile(to / VIDEO, fps=scene.fps)
     done = 0
@@ -118,8 +118,6 @@ class _Pictures:
 
 def patterns_as_data(patterns: Patterns) -> dict[str, Any]:
     """Return what `pattern.load_patterns` reads from YAML."""
-    from pieper.perception.pattern import FORMAT
-
     data: dict[str, Any] = {
         "format": FORMAT,
         "robots": [
