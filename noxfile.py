@@ -15,6 +15,8 @@ nox.options.sessions = ["format", "lint", "types", "imports", "tests", "docs", "
 PROJECT = nox.project.load_toml("pyproject.toml")
 OLDEST_PYTHON = "3.10"
 NEWEST_PYTHON = "3.14"
+# The tests compare with its figures; what it asks for besides would overwrite opencv-python-headless.
+TRACKEVAL = "trackeval==1.3.0"
 
 
 def groups(*names: str) -> list[str]:
@@ -26,6 +28,8 @@ def install_pieper(session: nox.Session, *names: str, extra: str = "") -> None:
     """Install pieper as a user gets it, compiled once and kept in build/, with the named groups."""
     session.install(*groups("build", *names))
     session.install("--no-build-isolation", f".{extra}")
+    if "test" in names:
+        session.install("--no-deps", TRACKEVAL)
 
 
 def native_sources() -> list[str]:

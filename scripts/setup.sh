@@ -203,6 +203,13 @@ ensure_package() {
     env PATH="$venv/bin:$PATH" "$python" -m pip install --no-build-isolation .
 }
 
+# A tool that tests compare with, after ensure_package. It asks for opencv-python, which would overwrite opencv-python-headless; what
+# is used of it, its figures, needs NumPy and SciPy alone. The tests say so and skip where it cannot be had.
+ensure_trackeval() {
+  ( once trackeval trackeval-1.3.0 "installing trackeval" "$python" -m pip install --no-deps trackeval==1.3.0 ) ||
+    say "   the tests against trackeval will be skipped"
+}
+
 # Builds and runs the tests of the C++ library, which need no Python; cmake and ninja are those on PATH.
 native_tests() {
   ensure_compiler

@@ -103,7 +103,27 @@ def test_interrupted(pieper_command, monkeypatch: pytest.MonkeyPatch) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(pieper, "load", interrupted)
-    assert pieper_command("fk", "mh12", 0).code == command.INTERRUPTED
+    result = pieper_command("fk", "mh12", 0)
+    assert result.code == command.INTERRUPTED
+    assert "pieper: interrupted" in result.err
+
+
+def test_the_same_warning_is_told_once(pieper_command, tmp_path) -> None:
+    """One mesh that three links lack: arm and ghosts are drawn from it."""
+    mesh = '<visual><geometry><mesh filename="gone.stl"/></geometry></visual>'
+    limit = '<origin xyz="0 0 0.3"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" velocity="1" effort="1"/>'
+    joints = "".join(
+        f'<joint name="j{i}" type="revolute"><parent link="l{i}"/><child link="l{i + 1}"/>{limit}</joint>'
+        for i in range(2)
+    )
+    file = tmp_path / "arm.urdf"
+    file.write_text(
+        f'<robot name="arm">{"".join(f"<link name=%sl{i}%s>{mesh}</link>" % (chr(34), chr(34)) for i in range(3))}{joints}</robot>'
+    )
+    pytest.importorskip("viser", reason="the viewer's extra is not installed")
+    result = pieper_command("view", file, "--export", tmp_path / "arm.html")
+    assert result.code == 0
+    assert result.err.count("a shape made from the joints is drawn instead") == 1
 
 
 @pytest.mark.skipif(os.name == "nt", reason="pipes close differently on Windows")

@@ -46,6 +46,14 @@ def test_what_makes_no_sense_is_told(pieper_command, options, said):
     assert said in result.err
 
 
+def test_a_motion_of_another_arm_is_told_with_its_file(pieper_command, tmp_path):
+    file = tmp_path / "short.csv"
+    file.write_text("t,joint_1_s\n0,0\n1,0.5\n")
+    result = pieper_command("view", "mh12", "--trajectory", file, "--export", tmp_path / "page.html")
+    assert result.code == 2
+    assert "short.csv: the trajectory" in " ".join(result.err.split())
+
+
 def test_a_taken_port_is_told(pieper_command):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

@@ -143,3 +143,11 @@ def test_where_nothing_can_be_written(tmp_path):
         files.write(move, tmp_path / "folder.csv")
     with pytest.raises(ArrayError, match="a trajectory file must end in"):
         files.write(move, Path("move"))
+
+
+def test_a_full_disk_is_told_with_the_name_that_was_asked_for(tmp_path):
+    file = tmp_path / "arm.png"
+    with pytest.raises(OSError, match="No space left") as told, files.replacing(file):
+        raise OSError(28, "No space left on device")
+    assert told.value.filename == str(file)
+    assert not list(tmp_path.iterdir())

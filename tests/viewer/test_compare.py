@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pieper
-from pieper.errors import ArrayError
+from pieper.errors import ArrayError, PieperWarning
 from pieper.model import catalog
 from pieper.model.dh import from_dh
 from pieper.viewer.compare import Comparison
@@ -89,13 +89,22 @@ def test_a_tip_that_lies_otherwise_is_turned_or_left():
 
 def test_signs_can_be_given():
     arm = pieper.load("ur5e")
-    flipped = Comparison(arm, arm, signs=[1, 1, -1, 1, 1, 1])
+    with pytest.warns(PieperWarning, match="do not look like models of one arm"):
+        flipped = Comparison(arm, arm, signs=[1, 1, -1, 1, 1, 1])
     assert "elbow_joint = -elbow_joint: as given" in flipped.rules
     assert float(flipped.difference([0.0, 0.0, 0.5, 0.0, 0.0, 0.0]).distance) > 0.1
     with pytest.raises(ArrayError, match="signs must be 6 numbers 1 or -1"):
         Comparison(arm, arm, signs=[1, 2, 1, 1, 1, 1])
     with pytest.raises(ArrayError, match="count must be at least 1"):
         flipped.spread(0)
+
+
+@pytest.mark.parametrize(("one", "two"), [("mh12", "ur5e"), ("ur5e", "ur10e"), ("mh12", "kr210")])
+def test_two_arms_are_not_taken_for_one_without_a_word(one, two):
+    said = f"{one}.* and .* do not look like models of one arm: .* tips are mostly more than"
+    with pytest.warns(PieperWarning, match=said.replace("mh12", ".*mh12").replace("kr210", "")):
+        both = Comparison(pieper.load(one), pieper.load(two))
+    assert "do not look like models of one arm" in both.rules[-1]
 
 
 def test_random_joints_keep_the_limits_of_both():

@@ -19,9 +19,10 @@ pytest.importorskip("viser", reason="the viewer's extra is not installed")
 
 from viser import _messages
 
+from pieper.viewer.arm_view import frame_size
 from pieper.viewer.panel import Panel
 from pieper.viewer.server import Server
-from pieper.viewer.view import View, write_whole
+from pieper.viewer.view import View, reach, write_whole
 
 UR_TYPES = ("ur3", "ur3e", "ur5", "ur5e", "ur10", "ur10e", "ur16e", "ur20")
 
@@ -47,6 +48,18 @@ class Probe(Panel):
 
     def close(self):
         self.seen.append("close")
+
+
+def scaled(arm, scale):
+    """The same arm, `scale` times as large."""
+    names = "".join(f'<link name="l{i}"/>' for i in range(arm.dof + 1))
+    axes = "".join(
+        f'<joint name="j{i}" type="revolute"><parent link="l{i}"/><child link="l{i + 1}"/>'
+        f'<origin xyz="0 0 {scale * reach(arm) / arm.dof!r}"/><axis xyz="0 {i % 2} {1 - i % 2}"/>'
+        '<limit lower="-2" upper="2" velocity="1" effort="1"/></joint>'
+        for i in range(arm.dof)
+    )
+    return pieper.load(f'<robot name="scaled">{names}{axes}</robot>')
 
 
 @pytest.fixture
@@ -246,3 +259,47 @@ def test_what_is_copied_says_the_same_number_for_number(mh12):
     assert names["q"] == q.tolist()
     assert list(json.loads(as_json(mh12, q))["q"].values()) == q.tolist()
     assert [line.split()[0] for line in joint_lines(mh12, q)] == list(mh12.joint_names)
+
+
+def test_what_happens_after_the_server_has_stopped_is_quiet_and_stops_the_arm(mh12):
+    """A browser that goes last brings the arm to rest when there is no page to write into."""
+    window = View(Server(port=0), mh12, KinematicSimulator(mh12.chain))
+    window.command([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+    window.step(0.05)
+    window.server.stop()
+    assert not window.server.is_running
+    window.stop_motion()  # warnings are errors here
+    assert window.target.tolist() == window.q.tolist()
+    window.say("nobody reads it")
+    window.step(0.05)
+    window.close()
+    window.stop_motion()
+
+
+def test_words_are_shown_as_they_are(view):
+    """They name joints and files, which are not to be taken for marks of a page, still less for something to fetch."""
+    view.say("![i](http://x.example/i.png) <img src=x onerror=alert(1)> joint_1_s", bad=True)
+    assert "![i](http://x.example/i.png) &lt;img src=x onerror=alert(1)&gt; joint_1_s" in view._word.content
+    assert "#d63c3c" in view._word.content
+    assert type(view._word).__name__ == "GuiHtmlHandle"
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_arms_of_every_scale_are_in_sight(mh12, scale):
+    chain = scaled(mh12, scale)
+    with View(Server(port=0), chain) as window:
+        camera = window.server.initial_camera
+        away = float(np.linalg.norm(np.subtract(camera.position, camera.look_at)))
+        assert window.size == pytest.approx(scale * reach(mh12))
+        assert camera.near < 0.1 * away < 10.0 * away < camera.far
+        assert frame_size(chain) == pytest.approx(scale * frame_size(mh12))
+
+
+def test_the_strokes_of_sliding_joints_count_for_the_reach():
+    joints = "".join(
+        f'<joint name="j{i}" type="prismatic"><parent link="l{i}"/><child link="l{i + 1}"/><origin xyz="0 0 0.3"/>'
+        f'<axis xyz="{axis}"/><limit lower="-2" upper="2" velocity="1" effort="1"/></joint>'
+        for i, axis in enumerate(("1 0 0", "0 1 0", "0 0 1"))
+    )
+    links = "".join(f'<link name="l{i}"/>' for i in range(4))
+    assert reach(pieper.load(f'<robot name="gantry">{links}{joints}</robot>')) == pytest.approx(0.9 + 3 * 2.0)

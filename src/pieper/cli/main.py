@@ -17,6 +17,7 @@ import typer
 
 from pieper.cli import (
     calibrate_camera,
+    calibrate_field,
     convert,
     evaluate,
     fk,
@@ -37,7 +38,7 @@ from pieper.cli.node import RosCommand
 from pieper.errors import MissingExtraError, MissingLibraryError, PieperError, PieperWarning
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
 DONE, NOT_REACHED, BAD_INPUT, MISSING_PACKAGE, FAULT, INTERRUPTED = 0, 1, 2, 3, 4, 130
 
@@ -65,6 +66,7 @@ for _verb, _summary in {
     learn_colour: "Colours, from boxes on frames of a video.",
     calibrate_camera: "A lens, from pictures of a printed board.",
     track: "Follow coloured markers in a video or camera.",
+    calibrate_field: "Where the field lies before a camera.",
     synthesize: "A film of robots with markers, with exact truth.",
     evaluate: "Tracks against the truth.",
 }.items():
@@ -126,9 +128,12 @@ def _run(typed: list[str]) -> int:
     typed = [" " + word if _NEGATIVE_NUMBER.fullmatch(word) else word for word in typed]
     with warnings.catch_warnings():
         warnings.simplefilter("always", PieperWarning)
-        warnings.showwarning = _show_warning
+        warnings.showwarning = _warnings_once()
         try:
-            return int(app(typed or ["--help"], prog_name="pieper", standalone_mode=False) or DONE)
+            code = int(app(typed or ["--help"], prog_name="pieper", standalone_mode=False) or DONE)
+            return (
+                _complain("interrupted", code) if code == INTERRUPTED else code
+            )  # typer makes it of Ctrl-C, and is silent
         except _UsageError as error:
             return _complain(_usage(error), BAD_INPUT)
         except (MissingExtraError, MissingLibraryError) as error:
@@ -169,5 +174,13 @@ def _complain(sentence: str, code: int) -> int:
     return code
 
 
-def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    typer.secho(f"pieper: {message}", err=True, fg=typer.colors.YELLOW)
+def _warnings_once() -> Callable[..., None]:
+    """What shows a warning; the same words, of a mesh that is drawn by many links and ghosts, only once."""
+    told: set[str] = set()
+
+    def show(message: Warning | str, *_: object, **__: object) -> None:
+        if str(message) not in told:
+            told.add(str(message))
+            typer.secho(f"pieper: {message}", err=True, fg=typer.colors.YELLOW)
+
+    return show

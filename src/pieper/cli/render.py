@@ -128,15 +128,19 @@ def _size(text: str | None, film: bool) -> tuple[int, int]:
 
 
 def _view(text: str) -> str | tuple[float, float]:
-    from math import radians
+    from math import isfinite, radians
 
     if "," not in text:
         return text
     try:
-        azimuth, elevation = (radians(float(word)) for word in text.split(","))
+        azimuth, elevation = (float(word) for word in text.split(","))
     except ValueError:
-        raise ArrayError(f"--view must be a name, or AZIMUTH,ELEVATION in degrees, got {text!r}") from None
-    return azimuth, elevation
+        azimuth, elevation = float("nan"), 0.0
+    if not (isfinite(azimuth) and -90.0 <= elevation <= 90.0):
+        raise ArrayError(
+            f"--view must be a name, or AZIMUTH,ELEVATION in degrees, the latter from -90 to 90, got {text!r}"
+        )
+    return radians(azimuth), radians(elevation)
 
 
 def _arm_of_table(robot: Arm, label: str) -> Arm:

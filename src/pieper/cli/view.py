@@ -15,7 +15,7 @@ import typer
 
 from pieper.cli.arguments import ArmName, Base, Degrees, Nominal, Tip, load
 from pieper.cli.target import seed_values
-from pieper.errors import ArrayError
+from pieper.errors import ArrayError, PieperError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -153,7 +153,14 @@ def _files(robot: Arm, trajectories: list[Path]) -> list[Track]:
     from pieper.motion import files
     from pieper.viewer.paths import Track
 
-    return [Track.of(robot, files.read(path), name=path.name) for path in trajectories]
+    tracks = []
+    for path in trajectories:
+        motion = files.read(path)
+        try:
+            tracks.append(Track.of(robot, motion, name=path.name))
+        except PieperError as error:
+            raise ArrayError(f"{path}: {error}") from error
+    return tracks
 
 
 def _iterations(

@@ -125,6 +125,10 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     try:
         yield unfinished
         unfinished.replace(target)
+    except OSError as error:
+        if error.errno is not None and error.filename in (None, str(unfinished)):
+            raise type(error)(error.errno, error.strerror, str(target)) from error  # the name that was asked for
+        raise
     finally:
         unfinished.unlink(missing_ok=True)
 

@@ -102,7 +102,7 @@ class LightAdaptation:
         model: ColorModel,
         *,
         enabled: bool = True,
-        seconds: float = 1.0,
+        seconds: float = 0.5,
         most_light: float = 4.0,
         most_cast: float = 0.35,
         most_shift: float = 0.2,

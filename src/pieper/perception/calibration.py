@@ -45,6 +45,7 @@ _NEAR = 0.04  # poses nearer than this, in the shares of the image in which they
 _ODD, _NEVER_ODD = 3.0, 0.15  # a view is left out above 3 medians, and above 0.15 px
 _SEEN = 0.6  # of the way to the corner of the image
 _WORTH = 0.9  # error of the larger model in views that were not fitted, over that of the smaller
+_MEDIAN_OF = 25
 _CELLS = (8, 6)
 _SAME_SIDE = np.radians(10.0)
 
@@ -126,7 +127,9 @@ class CameraCalibration:
     def report(self) -> str:
         """Return the figures in lines for people."""
         K, d = self.camera.matrix, self.camera.distortion
-        values = dict(zip(("fx", "fy", "cx", "cy", *COEFFICIENTS), [K[0, 0], K[1, 1], K[0, 2], K[1, 2], *d], strict=False))
+        values = dict(
+            zip(("fx", "fy", "cx", "cy", *COEFFICIENTS), [K[0, 0], K[1, 1], K[0, 2], K[1, 2], *d], strict=False)
+        )
         worst, where = self.worst
         used = (self.coverage > 0).mean()
         lines = [f"{name:>3}  {value:.6g} +- {self.deviation.get(name, 0.0):.2g}" for name, value in values.items()]
@@ -135,7 +138,9 @@ class CameraCalibration:
             f"coverage  corners in {used:.0%} of the image's {_CELLS[0]} x {_CELLS[1]} cells",
             f"distortion  {self.reason}",
         ]
-        lines += [f"{rms:.3f} px  {len(v.ids)} corners  {v.name}" for rms, v in zip(self.view_rms, self.views, strict=True)]
+        lines += [
+            f"{rms:.3f} px  {len(v.ids)} corners  {v.name}" for rms, v in zip(self.view_rms, self.views, strict=True)
+        ]
         return "\n".join(lines + [f"left out  {words}" for words in self.left_out])
 
     def save(self, path: str | Path, *, sources: Iterable[str] = ()) -> None:
@@ -217,14 +222,18 @@ def find_views(
         raise VisionError(_too_few(board, len(found), looked_at))
     chosen, left_out = _chosen(found, board, first[1], most, spread=from_video or len(found) > most)
     if len(chosen) < LEAST_VIEWS:
-        raise VisionError(f"{_too_few(board, len(found), looked_at)}; of these only {len(chosen)} are sharp and differ in pose")
+        raise VisionError(
+            f"{_too_few(board, len(found), looked_at)}; of these only {len(chosen)} are sharp and differ in pose"
+        )
     return BoardViews(tuple(chosen), first[1], looked_at, tuple(left_out))
 
 
 def _too_few(board: Board, found: int, looked_at: int) -> str:
     hint = "a chessboard counts inner corners" if board.kind == "chessboard" else "a ChArUco board counts squares"
     words = f"the board {board} was found in {found} of {looked_at} images, and {LEAST_VIEWS} are needed, better 15"
-    return f"{words}; is it the board that was printed ({hint}), whole, sharp and lit?" if found < LEAST_VIEWS else words
+    return (
+        f"{words}; is it the board that was printed ({hint}), whole, sharp and lit?" if found < LEAST_VIEWS else words
+    )
 
 
 def calibrate_camera(found: BoardViews, board: Board, *, coefficients: int | None = None) -> CameraCalibration:
@@ -494,3 +503,47 @@ def read_image(path: str | Path) -> Image:
     if image is None:
         raise VisionError(f"{path}: is no image that OpenCV can read")
     return np.asarray(image)
+
+
+def read_view(path: str | Path, *, frame: int | None = None) -> Image:
+    """Read what a camera that stands still sees: an image, or of a video one frame, or the median of 25, which leaves out what moves.
+
+    Raises
+    ------
+    OSError
+        The file is not there.
+    VisionError
+        It cannot be read, or has no such frame.
+    """
+    path = Path(path)
+    if path.suffix.lower() in PICTURES:
+        if frame is not None:
+            raise VisionError(f"{path}: an image has no frame {frame}; give a video")
+        return read_image(path)
+    if not path.exists():
+        raise FileNotFoundError(2, "no such file", str(path))
+    cv2 = opencv("reading a video")
+    video = cv2.VideoCapture(str(path))
+    try:
+        if path.is_dir() or not video.isOpened():
+            raise VisionError(f"{path}: is no image and no video that OpenCV can read")
+        count = max(int(video.get(cv2.CAP_PROP_FRAME_COUNT)), 1)
+        every = max(1, count // _MEDIAN_OF)
+        kept: list[Image] = []
+        index = 0
+        while video.grab() and len(kept) < _MEDIAN_OF:  # in order: to jump to a frame is inexact with many codecs
+            if index == frame or (frame is None and index % every == 0):
+                done, image = video.retrieve()
+                if done:
+                    kept.append(np.asarray(image))
+                if frame is not None:
+                    break
+            index += 1
+    finally:
+        video.release()
+    if not kept:
+        what = f"frame {frame}; it has {index}" if frame is not None and index else "frame that can be read"
+        raise VisionError(f"{path}: the video has no {what}")
+    if any(image.shape != kept[0].shape for image in kept):
+        raise VisionError(f"{path}: the size of the images changes in the video; give one frame of it with --frame")
+    return np.asarray(np.median(np.stack(kept), axis=0).astype(np.uint8))

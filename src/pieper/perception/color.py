@@ -200,7 +200,8 @@ class ColorModel:
         pixels = _pixels(image)
         k = self.index(name)
         look = Look(space_named(self.space), pixels.reshape(-1, 3))
-        return np.sqrt(look.gaussian(self._now[k], self._spread[k])[0]).reshape(pixels.shape[:-1])
+        squared = look.gaussian(self._now[k], self._spread[k])[0]
+        return np.asarray(np.sqrt(squared).reshape(pixels.shape[:-1]))
 
     def mask(self, image: NDArray[Any], name: str, threshold: float | None = None) -> NDArray[np.bool_]:
         """Return where pixels are within a distance of a colour, whatever else they may be near to.
@@ -278,7 +279,8 @@ class ColorModel:
     def _spread(self) -> FloatArray:
         """Covariances with what the light may add, without the noise of a pixel, ``(k, 3, 3)``."""
         space = space_named(self.space)
-        return self.covariances + np.array([space.spread(mean, self.light, self.cast) for mean in self._now])
+        light = np.array([space.spread(mean, self.light, self.cast) for mean in self._now])
+        return np.asarray(self.covariances + light)
 
     def _lit(self, x: FloatArray) -> FloatArray:
         return LogChroma().lit(x, self.gain) if self.gain.any() else x

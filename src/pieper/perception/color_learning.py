@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pieper.perception.frame import Image
+    from pieper.perception.yaml_file import Section
     from pieper.spatial._checks import FloatArray
 
 FLOOR = {"log-chroma": np.full(3, 0.03**2), "hsv": np.array([1.5**2, 4.0**2, 4.0**2])}
@@ -465,16 +466,18 @@ def read_regions(path: Path) -> tuple[list[Region], dict[str, Bgr]]:
             raise colors.error(name, "must be lists of whole numbers: frame, x, y, w, h")
         regions += [Region(name, *(int(n) for n in row)) for row in rows]
     draw = {}
-    section = file.section("draw", None)
-    for name in section if section is not None else ():
+    for name, text in _texts(file.section("draw")) if "draw" in file else ():
         if name not in colors:
-            raise section.error(name, "is not among the colors")
-        text = section.text(name)
+            raise file.section("draw").error(name, "is not among the colors")
         try:
             draw[name] = draw_color(text)
         except VisionError as error:
-            raise section.error(name, str(error)) from None
+            raise file.section("draw").error(name, str(error)) from None
     return regions, draw
+
+
+def _texts(section: Section) -> list[tuple[str, str]]:
+    return [(name, section.text(name)) for name in section]
 
 
 def _regions_of_csv(path: Path) -> list[Region]:

@@ -90,7 +90,9 @@ class ColorPage:
         self._server.daemon_threads = True
         self.port = int(self._server.server_address[1])
         self.url = f"http://127.0.0.1:{self.port}/?token={self._token}"
-        self._thread = threading.Thread(target=self._server.serve_forever, name="pieper-colors", daemon=True)
+        self._thread = threading.Thread(
+            target=self._server.serve_forever, args=(0.05,), name="pieper-colors", daemon=True
+        )
         self._thread.start()
 
     def wait(self, timeout: float | None = None) -> list[Region]:
@@ -306,12 +308,13 @@ def _regions(body: dict[str, Any]) -> list[Region]:
     found = []
     for row in rows:
         numbers = [row.get(key) for key in ("frame", "x", "y", "width", "height")] if isinstance(row, dict) else []
-        if not numbers or not all(type(n) is int and abs(n) < 1 << 31 for n in numbers):
+        whole = [n for n in numbers if type(n) is int and abs(n) < 1 << 31]
+        if len(whole) != 5:
             raise VisionError("a region must have whole numbers frame, x, y, width and height")
         color = row.get("color")
         if not isinstance(color, str) or not 0 < len(color.strip()) <= 40:
             raise VisionError("a region must have a colour of 1 to 40 letters")
-        found.append(Region(color.strip(), *numbers))
+        found.append(Region(color.strip(), *whole))
     return found
 
 

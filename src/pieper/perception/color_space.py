@@ -110,7 +110,7 @@ class Hsv:
         angle = x[:, 0] * (np.pi / 90.0)
         about = np.array([np.arctan2(np.sin(angle).mean(), np.cos(angle).mean()) * (90.0 / np.pi), 0.0, 0.0])
         mean = about + self.minus(x, about).mean(axis=0)
-        mean[0] %= 180.0
+        mean[0] = mean[0] % 180.0 % 180.0  # twice: a hair below 0 becomes 180 first
         return np.asarray(mean)
 
     def noise(self, bgr: NDArray[Any]) -> FloatArray:

@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from pieper.perception.color_table import ColorTable
     from pieper.perception.evaluate import Evaluation
     from pieper.perception.frame import Image
-    from pieper.perception.scene import Scene
     from pieper.perception.output import TrackFile
+    from pieper.perception.scene import Scene
     from pieper.perception.truth import TrueObject, Truth
 
 VGA, FULL_HD = (640, 480), (1920, 1080)
@@ -396,49 +396,55 @@ def _occlusion(quick: bool) -> list[Mark]:
     """Wholly hidden for half a second at constant velocity, and for good."""
     del quick
     scene = preset("occlusion")
+    hidden = hidden_for_half_a_second(scene)
+    report = _report_hidden()
+    details = {**hidden, "report_largest_px": report}
+    mm_per_px = 3.0
+    largest, kept = 1e3 * hidden["largest"], float(hidden["kept"])
+    return [
+        Mark("full occlusion 0.5 s: largest error", "mm", largest, 15.0, report=report * mm_per_px, details=details),
+        Mark("full occlusion 0.5 s: identity kept", "share", kept, 1.0, at_least=True),
+        Mark("a track without data ends after", "s", _ends_after(scene), 1.0 + 1.5 / scene.fps, report=float("inf")),
+    ]
+
+
+def hidden_for_half_a_second(scene: Scene) -> dict[str, Any]:
+    """Return how far off the first robot of a scene is predicted while nothing of it is seen, and whether it stays the same track."""
     ours = follow(scene)
-    truths, tracks = ours.truths, ours.tracks
+    truths, frames = ours.truths, ours.tracks.frames
     hidden = [k for k, truth in enumerate(truths) if truth.objects[0].visible == 0]
     name = truths[0].objects[0].name
-    away, numbers = [], {}
-    for k, truth in enumerate(truths):
-        mine = [row for row in tracks.frames[k].rows if row.name == name and row.state != "lost"]
-        numbers[k] = {row.track for row in mine}
-        if k in hidden:
-            at = truth.objects[0].position
-            away.append(min((float(np.hypot(r.x - at[0], r.y - at[1])) for r in mine), default=float("inf")))
-    before, after = numbers[hidden[0] - 5], numbers[len(truths) - 1]
-    kept = len(before) == 1 and before == after
-    gone = _ends_after(scene)
-    old = preset("report-occlusion")
-    theirs = ReportTracker(report_colors(old))
-    worst = 0.0
-    for frame, truth in Renderer(old):
-        theirs.update(frame)
-        if truth.objects[0].visible == 0:
-            for patch in theirs.patches:
-                for marker in truth.objects[0].markers:
-                    if patch.occluded and marker.color == patch.color:
-                        worst = max(worst, float(np.hypot(patch.x - marker.image[0], patch.y - marker.image[1])))
-    details = {
-        "hidden_seconds": len(hidden) / scene.fps,
-        "report_largest_px": worst,
-        "track_before": sorted(n for n in before if n is not None),
-        "track_after": sorted(n for n in after if n is not None),
+    mine = [[row for row in frame.rows if row.name == name and row.state != "lost"] for frame in frames]
+    away = []
+    for k in hidden:
+        x, y = truths[k].objects[0].position
+        away.append(min((float(np.hypot((r.x or 0) - x, (r.y or 0) - y)) for r in mine[k]), default=float("inf")))
+    before, after = ([row.track for row in mine[k]] for k in (hidden[0] - 5, -1))
+    return {
+        "seconds": len(hidden) / scene.fps,
+        "largest": max(away),
+        "kept": len(before) == 1 and before == after,
+        "track_before": before,
+        "track_after": after,
+        "seen_rms": ours.result.position.rms,
+        "seen_heading_rms": ours.result.heading.rms,
     }
-    mm_per_px = 3.0
-    return [
-        Mark(
-            "full occlusion 0.5 s: largest error",
-            "mm",
-            1e3 * max(away),
-            15.0,
-            report=worst * mm_per_px,
-            details=details,
-        ),
-        Mark("full occlusion 0.5 s: identity kept", "share", float(kept), 1.0, at_least=True),
-        Mark("a track without data ends after", "s", gone, 1.0 + 1.5 / scene.fps, report=float("inf")),
-    ]
+
+
+def _report_hidden() -> float:
+    """How far off the report predicts its markers while its robot is hidden, at the worst [px]."""
+    scene = preset("report-occlusion")
+    theirs = ReportTracker(report_colors(scene))
+    worst = 0.0
+    for frame, truth in Renderer(scene):
+        theirs.update(frame)
+        if truth.objects[0].visible > 0:
+            continue
+        for patch in theirs.patches:
+            for marker in truth.objects[0].markers:
+                if patch.occluded and marker.color == patch.color:
+                    worst = max(worst, float(np.hypot(patch.x - marker.image[0], patch.y - marker.image[1])))
+    return worst
 
 
 def _ends_after(scene: Scene) -> float:

@@ -182,7 +182,9 @@ class MarkerTracker:
         camera = getattr(self.view, "camera", None)
         if camera is not None and tuple(camera.size) != size:
             wanted, got = (" x ".join(map(str, s)) for s in (camera.size, size))
-            raise VisionError(f"the camera was calibrated at {wanted} pixels, and a frame has {got}; calibrate at that size")
+            raise VisionError(
+                f"the camera was calibrated at {wanted} pixels, and a frame has {got}; calibrate at that size"
+            )
         if self._size not in (None, size):
             self.tracker.restart(f"frames are now {size[0]} x {size[1]} pixels, before they were {self._size}")
             if self._finder is not None:

@@ -368,7 +368,8 @@ class Tracker:
 
     def _jolted(self, rows: NDArray[np.int64], same: NDArray[np.bool_]) -> FloatArray:
         """Variance that a jolt may have brought, ``(r, c, 3)``: since the last frame, or for a sighting that is by name of the track, since the
-        last sight of it."""
+        last sight of it.
+        """
         time = cast("float", self._time)
         unseen = np.array([time - self._tracks[i].seen for i in rows])
         since = np.where(same, np.maximum(unseen, self._dt)[:, None], self._dt)
@@ -476,7 +477,12 @@ class Tracker:
     def _is_sure(self, track: _Track, time: float) -> bool:
         """Whether a new track is old enough, and seen now and in half of its frames."""
         old = time - track.born >= self.parameters.confirm - _ROUNDING
-        return old and track.sighting >= 0 and 2 * track.hits >= track.frames and (track.hits > 1 or self.parameters.confirm == 0)
+        return (
+            old
+            and track.sighting >= 0
+            and 2 * track.hits >= track.frames
+            and (track.hits > 1 or self.parameters.confirm == 0)
+        )
 
     def _move(self, source: int, target: int) -> None:
         """Let the state of one track be that of another, which keeps its number and age."""

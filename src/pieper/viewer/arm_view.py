@@ -29,6 +29,7 @@ OWN_COLOR: Color = (200, 205, 212)
 AXIS_COLOR: Color = (0, 150, 190)
 
 
+_NO_LENGTH = 1e-4  # [m]
 _THINNER = 0.02
 """Ghosts are thinner by this part of the size of a frame, so that what a ghost shares with the arm is inside it."""
 
@@ -342,7 +343,7 @@ def frame_size(arm: Arm) -> float:
     """How long the axes of a frame are drawn [m]: about a tenth of the arm."""
     origins = np.array([frame.home[:3, 3] for frame in arm.chain.frames])
     length = float(np.linalg.norm(np.diff(origins, axis=0), axis=1).sum())
-    return min(max(0.08 * length, 0.005), 0.5) if math.isfinite(length) else 0.1
+    return 0.08 * length if math.isfinite(length) and length > _NO_LENGTH else 0.1
 
 
 class _Poses:

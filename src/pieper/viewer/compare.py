@@ -17,13 +17,14 @@ Tips
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from itertools import permutations, product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from pieper.errors import ArrayError
+from pieper.errors import ArrayError, PieperWarning
 from pieper.ik import select
 from pieper.kinematics.joints import as_joints
 from pieper.spatial import rotation
@@ -41,6 +42,7 @@ _OPPOSITE = (
 )  # cosine between two axes that are opposite; models of one arm agree far better, others are not compared
 _QUARTER = 0.2  # [rad] a tip frame that quarter turns bring no nearer than this lies otherwise, and is left as it is
 _SAMPLES = 2000
+_GLANCES, _ONE_ARM = 100, 0.15  # poses, and how far tips of one arm are apart at most as a part of its reach
 _AS_GOOD = (
     1e-3  # [m and rad together] a nearest pose on the branch of the arm may be worse by this than the best there is
 )
@@ -115,6 +117,11 @@ class Comparison:
     names : tuple of 2 str, optional
         What the two are called in sentences; the names of the arms when not given, with a number where they are the same.
 
+    Warns
+    -----
+    PieperWarning
+        The tips are mostly further apart than models of one arm would have them, as those of two arms are.
+
     Raises
     ------
     ArrayError
@@ -169,7 +176,10 @@ class Comparison:
             best = int(np.argmin(left))
             if left[best] < _QUARTER and left[best] < apart:
                 self.R_tip_other = turns[best]
-        self.rules: tuple[str, ...] = tuple(self._rules(by_name, given is not None))
+        doubt = self._doubt()
+        if doubt:
+            warnings.warn(doubt, PieperWarning, stacklevel=2)
+        self.rules: tuple[str, ...] = (*self._rules(by_name, given is not None), *([doubt] if doubt else []))
         """How the models are compared, a sentence each."""
 
     # --- joint values
@@ -217,8 +227,7 @@ class Comparison:
         """
         if count < 1:
             raise ArrayError(f"count must be at least 1, got {count}")
-        lower, upper = self.limits.T
-        q = lower + (upper - lower) * np.random.default_rng(seed).random((count, self.arm.dof))
+        q = self._random(count, seed=seed)
         found = self.difference(q)
         worst = int(np.argmax(found.distance))
         return Spread(
@@ -266,6 +275,11 @@ class Comparison:
 
     # --- what the methods share
 
+    def _random(self, count: int, *, seed: int) -> FloatArray:
+        """(count, n) joint values within the limits of both."""
+        lower, upper = self.limits.T
+        return np.asarray(lower + (upper - lower) * np.random.default_rng(seed).random((count, self.arm.dof)))
+
     @property
     def _zero(self) -> FloatArray:
         return np.zeros(self.arm.dof)
@@ -275,6 +289,18 @@ class Comparison:
         T = self.other.fk(self.as_other(q))
         T[..., :3, :3] = T[..., :3, :3] @ self.R_tip_other
         return T
+
+    def _doubt(self) -> str:
+        """What to say where the tips are so far apart that the models may be of two arms; mostly nothing."""
+        apart = float(np.median(self.difference(self._random(_GLANCES, seed=0)).distance))
+        steps = np.diff([frame.home[:3, 3] for frame in self.arm.chain.frames], axis=0)
+        reach = float(np.linalg.norm(steps, axis=1).sum())
+        if apart <= _ONE_ARM * reach:
+            return ""
+        return (
+            f"{self.names[0]} and {self.names[1]} do not look like models of one arm: for the same joint values their tips are mostly "
+            f"more than {apart:.2g} m apart; look whether the joints belong together, their zeros and the tip frames"
+        )
 
     def _rules(self, by_name: bool, signs_given: bool) -> list[str]:
         names, others = self.arm.joint_names, self.other.joint_names

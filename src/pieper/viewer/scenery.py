@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 MOST_TRACE_POINTS = 2000
 _TRACE_PERIOD = 0.1  # [s]
 _TRACE_COLOR = (220, 50, 70)
+_GROUND_LIGHT, _SKY_LIGHT = (140, 142, 150), 3.5
 _GRID = {False: ((214, 218, 224), (160, 166, 176)), True: ((60, 64, 70), (96, 102, 110))}
 
 
@@ -90,6 +91,8 @@ class SceneryPanel(Panel):
         self.trace = Trace(apart=0.002 * view.size)
         scene, gui = view.server.scene, view.server.gui
         scene.configure_default_lights(cast_shadow=False)  # shadows of the arm on itself are drawn in stripes
+        scene.configure_environment_map(hdri=None)  # without a graphics card a browser works on one for seconds
+        scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=_GROUND_LIGHT, intensity=_SKY_LIGHT)
         self._grid: Any = None
         self._line: Any = None
         self._dark = gui.add_checkbox("Dark", self.dark)

@@ -74,6 +74,8 @@ class Server(viser.ViserServer):
         The port that it became.
     url : str
         The address to open, token and all.
+    is_running : bool
+        False once it has been stopped; what is written into a page then goes nowhere.
     may_control : callable
         Asked with the id of a client before anything that the client did is taken up: true if it may. By itself everybody may. What a
         client has of its own (``client.gui``) is not asked about.
@@ -90,6 +92,7 @@ class Server(viser.ViserServer):
     port: int
     url: str
     may_control: Callable[[int], bool]
+    is_running: bool = True
 
     def __init__(self, port: int | None = None, *, label: str | None = None, token: str | None = None) -> None:
         listening = _listen(port)
@@ -149,6 +152,7 @@ class Server(viser.ViserServer):
 
     def stop(self) -> None:
         """End the server; browsers that look at it are told."""
+        self.is_running = False
         with _quiet():
             super().stop()
 

@@ -36,6 +36,7 @@ _TURN = 2.0 * np.pi
 _SAME = 1e-6  # [rad or m] solutions that differ by less are one
 _LIMIT_ROUNDING = 1e-9  # [rad or m] by which the solvers let a limit be passed
 _NUMBER = "number "  # begins the labels of branches without names
+_FARTHEST_PLACE = 1e6  # [rad or m] along a closed curve many rounds are no nonsense, but numbers that overflow are
 _FAR = 1.0  # [rad or m] a joint that moves by more while the target is dragged is worth a word
 _FEW = 8  # starting points for a target that is being dragged
 _NO_POSE = 1e-3  # a typed or dragged quaternion is never this far from a rotation; a matrix that is was meant otherwise
@@ -291,8 +292,10 @@ class Solving:
         curve = self.curve
         if curve is None:
             return self._refuse("no joint can move while this target stays met")
-        if not np.isfinite(place):
-            return self._refuse(f"a place along the curve is a finite number, got {place}")
+        if not abs(place) <= _FARTHEST_PLACE:
+            return self._refuse(
+                f"a place along the curve is a finite number of at most {_FARTHEST_PLACE:g}, got {place}"
+            )
         at = place if curve.closed else min(max(place, 0.0), curve.length)
         self.q = self._copy(np.asarray(curve.at(at)))
         if self.solved.free > 1 or self._held is None:

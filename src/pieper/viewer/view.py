@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
+import html
 import math
-import os
-import tempfile
 import threading
 import time
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pieper.errors import PieperError
 from pieper.kinematics.joints import as_joints
+from pieper.motion.files import replacing
 from pieper.motion.robot import RobotState
 from pieper.viewer.arm_view import ArmView
 from pieper.viewer.control import Control
-from pieper.viewer.jog import JogPanel, home
+from pieper.viewer.jog import JogPanel, home, turning
 from pieper.viewer.scenery import SceneryPanel
 
 if TYPE_CHECKING:
+    import os
     from collections.abc import Sequence
 
     from numpy.typing import ArrayLike
@@ -35,6 +35,11 @@ if TYPE_CHECKING:
 PERIOD = 1.0 / 30.0
 """Time between two pictures [s]."""
 
+_NEAR, _FAR = (
+    0.01,
+    1000.0,
+)  # [m]; nearer and further than these the browser draws nothing, unless the arm is of another scale
+_WORD_STYLE = "padding:0.4em 0.8em;font-size:0.85em;line-height:1.35"
 _LONGEST_STEP = 0.25  # [s]; a machine that was asleep does not make the arm leap
 
 
@@ -114,7 +119,7 @@ class View:
         with server.atomic():
             self.arm_view = ArmView(server, "arm", arm, meshes=meshes)
             self.arm_view.update(self.q)
-            self._word = server.gui.add_markdown("", visible=False)
+            self._word = server.gui.add_html("", visible=False)
             tabs = server.gui.add_tab_group()
             for panel in self.panels:
                 with tabs.add_tab(panel.title):
@@ -142,16 +147,20 @@ class View:
                 self.say("")
                 values.setflags(write=False)
                 self.target = values
-            for panel in self.panels:
-                panel.on_command(values)
+            self._tell(values)
 
     def stop_motion(self) -> None:
-        """Bring the arm to rest where it is."""
+        """Bring the arm to rest where it is, window or no window."""
         with self.lock:
             self.robot.stop()
             self.target = self.robot.read().q
+            self._tell(self.target)
+
+    def _tell(self, q: FloatArray) -> None:
+        """Tell the panels where the arm is sent, while there is a page that they can write into."""
+        if self.server.is_running:
             for panel in self.panels:
-                panel.on_command(self.target)
+                panel.on_command(q)
 
     def limited(self, q: ArrayLike) -> FloatArray:
         """The joint values nearest to `q` (n,) within the limits."""
@@ -159,8 +168,10 @@ class View:
 
     def say(self, text: str, *, bad: bool = False) -> None:
         """Write a sentence above the tabs; an empty one takes it away."""
-        words = text.replace("<", "&lt;")
-        content = f":red[{words}]" if bad else words
+        if not self.server.is_running:
+            return
+        color = "#d63c3c" if bad else "inherit"
+        content = f'<div style="color:{color};{_WORD_STYLE}">{html.escape(text)}</div>' if text else ""
         if (self._word.content, self._word.visible) != (content, bool(text)):
             self._word.content, self._word.visible = content, bool(text)
 
@@ -171,6 +182,8 @@ class View:
         middle = middle_of(self.arm, self.q)
         away = 1.9 * self.size if distance is None else distance
         camera = self.server.initial_camera
+        camera.near = min(_NEAR, 1e-3 * self.size)
+        camera.far = max(_FAR, 100.0 * self.size)
         camera.fov = math.radians(40.0)
         camera.look_at = middle
         camera.position = middle + away * direction
@@ -184,6 +197,9 @@ class View:
             if move_on is not None:
                 move_on(dt)
             state = self.robot.read()
+            if not self.server.is_running:
+                self.q = state.q
+                return
             with self.server.atomic():
                 if not np.array_equal(state.q, self.q):
                     self.q = state.q
@@ -274,9 +290,12 @@ class AtOnce:
 
 
 def reach(arm: Arm) -> float:
-    """About how far an arm reaches [m]: the way along its joints."""
-    origins = np.array([frame.home[:3, 3] for frame in arm.chain.frames])
-    return max(float(np.linalg.norm(np.diff(origins, axis=0), axis=1).sum()), 1e-3)
+    """About how far an arm reaches [m]: the way along its joints, and half the strokes of those that slide."""
+    chain = arm.chain
+    origins = np.array([frame.home[:3, 3] for frame in chain.frames])
+    links = float(np.linalg.norm(np.diff(origins, axis=0), axis=1).sum())
+    strokes = np.diff(arm.limits[~turning(arm)], axis=1)
+    return max(links + 0.5 * float(strokes[np.isfinite(strokes)].sum()), 1e-3)
 
 
 def middle_of(arm: Arm, q: FloatArray) -> FloatArray:
@@ -287,15 +306,5 @@ def middle_of(arm: Arm, q: FloatArray) -> FloatArray:
 
 def write_whole(path: str | os.PathLike[str], text: str) -> None:
     """Write a file so that whoever reads it finds the old one or the new one."""
-    goal = Path(path)
-    handle, name = tempfile.mkstemp(dir=goal.parent, prefix=f".{goal.name}.")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        mask = os.umask(0)
-        os.umask(mask)
-        Path(name).chmod(0o666 & ~mask)
-        Path(name).replace(goal)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+    with replacing(path) as unfinished:
+        unfinished.write_text(text, encoding="utf-8")

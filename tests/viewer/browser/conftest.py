@@ -121,7 +121,9 @@ def keep():
     def save(page, name):
         page.add_style_tag(content="[class*=Notifications-root] { display: none }")
         page.set_viewport_size(dict(zip(("width", "height"), LARGE, strict=True)))
-        page.wait_for_timeout(700)
+        for _ in range(3):  # until what has come is drawn, at the new size
+            page.evaluate("new Promise(drawn => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
+            page.wait_for_timeout(150)
         SCREENSHOTS.mkdir(parents=True, exist_ok=True)
         page.screenshot(path=SCREENSHOTS / f"{name}.png")
         page.set_viewport_size(dict(zip(("width", "height"), SMALL, strict=True)))

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 
+from pieper.viewer import control
 from pieper.viewer.control import TAKE_OVER
 
 HERE = "You control the arm"
@@ -123,7 +124,7 @@ def test_a_reload_shows_what_holds_and_keeps_control(mh12, window, look, until):
     until(page, lambda: view.q[2] == 0.25)
 
 
-def test_two_windows_and_the_handing_over(mh12, window, look, until, keep):
+def test_two_windows_and_the_handing_over(mh12, window, look, until, keep, monkeypatch):
     view = window(mh12)
     first = look(view)
     until(first, lambda: view.control.holder is not None)
@@ -144,7 +145,7 @@ def test_two_windows_and_the_handing_over(mh12, window, look, until, keep):
     enter(first, 0, "0.1")
     until(first, lambda: box(first, 0).input_value() == "0.7")
     assert view.target[0] == 0.7
-    second.wait_for_timeout(2500)  # otherwise it might be a page that is loaded anew
+    monkeypatch.setattr(control, "_RELOAD", 0.0)  # otherwise it might be a page that is loaded anew
     second.context.close()
     first.get_by_text("Nobody controls the arm.").wait_for()
     assert view.control.holder is None

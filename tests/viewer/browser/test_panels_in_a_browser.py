@@ -5,8 +5,8 @@ A picture of each state is left in ``build/screenshots``.
 
 from __future__ import annotations
 
+import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ from pieper.viewer.server import Server
 from pieper.viewer.solve_panel import SolvePanel
 from pieper.viewer.view import View
 
-SCREENSHOTS = Path(__file__).parents[3] / "build" / "screenshots"
+SMALL, LARGE = (760, 560), (1400, 860)  # [px]; drawing takes longer the larger
 START = [0.1, -1.2, 1.4, -1.7, -1.5, 0.3]
 PATIENCE = 60.0  # [s] a busy machine draws slowly in software
 
@@ -33,16 +33,19 @@ def opened(chromium, capfd):
     """Opens a window with panels in a browser, and gives both."""
     made, wrong = [], []
 
-    def open_view(name, *panels, simulated=False, dh=None, **options):
+    def open_view(name, *panels, simulated=False, dh=None, size=SMALL, **options):
         arm = pieper.load(name) if dh is None else pieper.Arm(from_dh(catalog.dh_tables(name)[dh]))
         robot = KinematicSimulator(arm.chain) if simulated else None
         view = View(Server(port=0), arm, robot, panels=panels, **options)
         view.start()
-        page = chromium.new_page(viewport={"width": 1400, "height": 860})
+        page = chromium.new_page(viewport=dict(zip(("width", "height"), size, strict=True)))
         page.on("pageerror", lambda error: wrong.append(str(error)))
         made.extend([page, view])
         page.goto(view.server.url)
         page.get_by_role("tab", name="Jog").first.wait_for(timeout=1e3 * PATIENCE)
+        page.add_style_tag(
+            content="[class*=Notifications-root] { display: none }"
+        )  # a note about slow drawing is in the way
         if panels:
             page.get_by_role("tab", name=panels[0].title).first.click()
         return view, page
@@ -60,14 +63,6 @@ def until(met, page=None, patience=PATIENCE):
     while not met():
         assert time.monotonic() < end, "waited in vain"
         page.wait_for_timeout(50) if page else time.sleep(0.05)
-
-
-def keep(page, name):
-    """A picture for people to look at, without the note about slow drawing."""
-    page.get_by_text("Software WebGL").locator("xpath=ancestor::*[.//button][1]").get_by_role("button").first.click()
-    page.wait_for_timeout(1500)
-    SCREENSHOTS.mkdir(parents=True, exist_ok=True)
-    page.screenshot(path=SCREENSHOTS / f"{name}.png")
 
 
 def type_into(page, label, text):
@@ -105,7 +100,7 @@ def grip(view, page, panel):
     return (x, y), np.array([x, y]) + 60.0 * further / np.linalg.norm(further)
 
 
-def test_all_solutions_of_a_ur5e_by_boxes_buttons_and_keys(opened):
+def test_all_solutions_of_a_ur5e_by_boxes_buttons_and_keys(opened, keep):
     panel = SolvePanel(shown=True)
     view, page = opened("ur5e", panel)
     view.command(START)
@@ -116,7 +111,7 @@ def test_all_solutions_of_a_ur5e_by_boxes_buttons_and_keys(opened):
     for press in (
         lambda: page.get_by_role("button", name="next", exact=True).click(),
         lambda: page.get_by_role("button", name="next", exact=True).click(),
-        lambda: (page.mouse.click(200, 700), page.keyboard.press("n")),
+        lambda: (page.mouse.click(200, 450), page.keyboard.press("n")),
     ):
         before = panel.solutions.value
         press()
@@ -131,7 +126,7 @@ def test_all_solutions_of_a_ur5e_by_boxes_buttons_and_keys(opened):
     until(lambda: abs(view.arm.fk(view.q)[0, 3] - 0.45) < 1e-9, page)
 
 
-def test_an_unreachable_target_is_red_and_what_is_no_number_is_harmless(opened):
+def test_an_unreachable_target_is_red_and_what_is_no_number_is_harmless(opened, keep):
     panel = SolvePanel(shown=True)
     view, page = opened("ur5e", panel)
     view.command(START)
@@ -151,19 +146,31 @@ def test_an_unreachable_target_is_red_and_what_is_no_number_is_harmless(opened):
 
 def test_the_handle_is_dragged_and_the_browser_closed_in_between(opened):
     panel = SolvePanel(shown=True)
-    view, page = opened("ur5e", panel, simulated=True)
+    view, page = opened("ur5e", panel, simulated=True, size=LARGE)
     view.command(START)
-    page.wait_for_timeout(1500)
+    page.get_by_text("solution 2 of 8").first.wait_for(timeout=1e3 * PATIENCE)
     label, before = panel.solutions.value, np.array(panel.gizmo.position)
-    (x, y), further = grip(view, page, panel)
-    page.mouse.move(x, y)
-    page.mouse.down()
-    for share in np.linspace(0.2, 1.0, 5):
-        page.mouse.move(*(np.array([x, y]) + share * (further - (x, y))))
-        page.wait_for_timeout(100)
-    until(lambda: np.linalg.norm(panel.gizmo.position - before) > 0.02, page)
+
+    def has_dragged():
+        """Try once; what is not drawn yet cannot be held."""
+        (x, y), further = grip(view, page, panel)
+        page.mouse.up()
+        page.mouse.move(x, y)
+        page.wait_for_timeout(200)
+        page.mouse.down()
+        for share in np.linspace(0.2, 1.0, 5):
+            page.mouse.move(*(np.array([x, y]) + share * (further - (x, y))))
+            page.wait_for_timeout(100)
+        end = time.monotonic() + 3.0
+        while np.linalg.norm(panel.gizmo.position - before) <= 0.02 and time.monotonic() < end:
+            page.wait_for_timeout(50)
+        return np.linalg.norm(panel.gizmo.position - before) > 0.02
+
+    until(has_dragged, page)
+    stopped, stop = threading.Event(), view.control._on_lost
+    view.control._on_lost = lambda: (stop(), stopped.set())
     page.close()  # the button is still down
-    until(lambda: not view.server.get_clients())
+    until(lambda: stopped.is_set() and not view.server.get_clients())
     T = panel.solving.solved.T_base_target
     assert panel.solutions.value == label
     across = view.arm.fk(START)[:3, :3].T @ (T[:3, 3] - before)
@@ -172,7 +179,7 @@ def test_the_handle_is_dragged_and_the_browser_closed_in_between(opened):
     assert panel.solutions.value != label
 
 
-def test_row_b17_two_models_of_the_kr210(opened):
+def test_row_b17_two_models_of_the_kr210(opened, keep):
     """Row B17: both models in one scene, with the difference of forward and inverse kinematics as numbers."""
     other = pieper.Arm(from_dh(catalog.dh_tables("kr210")["report"]))
     panel = ComparePanel(other, names=("URDF", "DH table"))
@@ -187,7 +194,7 @@ def test_row_b17_two_models_of_the_kr210(opened):
     np.testing.assert_allclose(panel.other_view.q, view.q)
 
 
-def test_row_b17_the_mh12_and_the_screws_of_its_report(opened):
+def test_row_b17_the_mh12_and_the_screws_of_its_report(opened, keep):
     """Row B17 with M1: the report's constants upon the exact ones."""
     panel = ComparePanel(pieper.load("mh12-report"), beside=False)
     view, page = opened("mh12", panel)
@@ -199,7 +206,7 @@ def test_row_b17_the_mh12_and_the_screws_of_its_report(opened):
     keep(page, "compare_mh12_report")
 
 
-def test_row_e7_a_path_is_played_and_run_through(opened):
+def test_row_e7_a_path_is_played_and_run_through(opened, keep):
     """Rows E4 to E7: the iterations of a UR5e with two gains, with their traces and curves."""
     arm, tracks = pieper.load("ur5e"), []
     for color, k1 in zip(COLORS, (0.1, 1.0), strict=False):
@@ -222,11 +229,11 @@ def test_row_e7_a_path_is_played_and_run_through(opened):
     until(lambda: panel.player.time > 0.0, page)
 
 
-def test_row_d7_d10_dh_frames_of_a_youbot(opened):
+def test_row_d7_d10_dh_frames_of_a_youbot(opened, keep):
     """Rows D7 and D10: the frames of the DH rows, with names and axes."""
     view, page = opened("youbot", dh="full", frames=True, axes=False)
     view.arm_view.opacity = 0.4  # or the frames are inside
     view.command(view.limited([2.0, 1.2, -1.4, 1.9, 2.5]))
-    page.wait_for_timeout(2000)
+    until(lambda: view.control.holder is not None, page)
     keep(page, "youbot_dh_frames")
     assert len(view.arm_view._frames) == 2 * len(view.arm.chain.frames)
