@@ -50,7 +50,9 @@ def main(folder: Path) -> None:
     # 4. Against the truth.
     result = evaluate(truth.read(folder / "truth.jsonl"), read_tracks(folder / "tracks.csv"))
     print(f"position {1e3 * result.position.rms:.2f} mm RMS, heading {math.degrees(result.heading.rms):.2f} deg RMS")
-    print(f"recall {result.clear.recall:.3f}, precision {result.clear.precision:.3f}, {result.clear.switches} identity switches")
+    print(
+        f"recall {result.clear.recall:.3f}, precision {result.clear.precision:.3f}, {result.clear.switches} identity switches"
+    )
 
 
 if __name__ == "__main__":

@@ -36,7 +36,9 @@ def blobs_of(view, patterns, poses, *, noise=0.0, rng=None, miss=0.0, clutter=0,
     if ball is not None:
         uv.append(view.to_image(np.array(ball), height=patterns.ball.radius))
         color.append(names.index(patterns.ball.color))
-        radius.append(patterns.ball.radius / np.sqrt(abs(np.linalg.det(view.jacobian(uv[-1], height=patterns.ball.radius)))))
+        radius.append(
+            patterns.ball.radius / np.sqrt(abs(np.linalg.det(view.jacobian(uv[-1], height=patterns.ball.radius))))
+        )
     uv, color, radius = np.array(uv).reshape(-1, 2), np.array(color, int), np.array(radius)
     stays = rng.random(len(uv)) >= miss
     uv, color, radius = uv[stays], color[stays], radius[stays]

@@ -26,13 +26,17 @@ def calibrate_camera(
             "and metres.",
         ),
     ] = "charuco:7x5:0.03:0.022",
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Where the camera is written.")] = Path("camera.yaml"),
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Where the camera is written.")] = Path(
+        "camera.yaml"
+    ),
     picture: Annotated[
         Path | None, typer.Option("--picture", metavar="FILE", help="Draw what is left over into a .png or .jpg.")
     ] = None,
     distortion: Annotated[
         int | None,
-        typer.Option("--distortion", metavar="N", help="Coefficients: 0, 4, 5 or 8; five, or by a stated rule, if not given."),
+        typer.Option(
+            "--distortion", metavar="N", help="Coefficients: 0, 4, 5 or 8; five, or by a stated rule, if not given."
+        ),
     ] = None,
     most: Annotated[int, typer.Option("--views", metavar="N", help="Views that are used at most.")] = 40,
     draw: Annotated[

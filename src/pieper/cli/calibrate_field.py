@@ -51,9 +51,12 @@ def calibrate_field(
     frame: Annotated[
         int | None, typer.Option("--frame", metavar="N", help="Frame of a video; else the median of 25 frames.")
     ] = None,
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Where the field is written.")] = Path("field.yaml"),
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Where the field is written.")] = Path(
+        "field.yaml"
+    ),
     picture: Annotated[
-        Path | None, typer.Option("--picture", metavar="FILE", help="Draw field and misses over the image, .png or .jpg.")
+        Path | None,
+        typer.Option("--picture", metavar="FILE", help="Draw field and misses over the image, .png or .jpg."),
     ] = None,
 ) -> int:
     """Find where the field lies before a camera, without a window."""
@@ -128,7 +131,9 @@ def _corner(text: str) -> tuple[float, ...]:
     except ValueError:
         numbers = [], []
     if len(numbers[0]) != 2 or len(numbers[1]) not in (2, 3):
-        raise VisionError(f"--corner must be u,v=x,y in pixels and metres, with the height as a third if it has one, got {text!r}")
+        raise VisionError(
+            f"--corner must be u,v=x,y in pixels and metres, with the height as a third if it has one, got {text!r}"
+        )
     return (*numbers[0], *numbers[1], *([0.0] if len(numbers[1]) == 2 else []))
 
 

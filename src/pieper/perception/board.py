@@ -87,7 +87,9 @@ class Board:
             raise unknown_name("dictionary", self.dictionary, _dictionaries())
         needed, there = self.columns * self.rows // 2, int(self.dictionary.split("_")[1])
         if needed > there:
-            raise VisionError(f"{self.columns} x {self.rows} squares need {needed} markers, and {self.dictionary} has {there}")
+            raise VisionError(
+                f"{self.columns} x {self.rows} squares need {needed} markers, and {self.dictionary} has {there}"
+            )
 
     @classmethod
     def parse(cls, text: str) -> Board:

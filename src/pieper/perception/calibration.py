@@ -127,7 +127,9 @@ class CameraCalibration:
     def report(self) -> str:
         """Return the figures in lines for people."""
         K, d = self.camera.matrix, self.camera.distortion
-        values = dict(zip(("fx", "fy", "cx", "cy", *COEFFICIENTS), [K[0, 0], K[1, 1], K[0, 2], K[1, 2], *d], strict=False))
+        values = dict(
+            zip(("fx", "fy", "cx", "cy", *COEFFICIENTS), [K[0, 0], K[1, 1], K[0, 2], K[1, 2], *d], strict=False)
+        )
         worst, where = self.worst
         used = (self.coverage > 0).mean()
         lines = [f"{name:>3}  {value:.6g} +- {self.deviation.get(name, 0.0):.2g}" for name, value in values.items()]
@@ -136,7 +138,9 @@ class CameraCalibration:
             f"coverage  corners in {used:.0%} of the image's {_CELLS[0]} x {_CELLS[1]} cells",
             f"distortion  {self.reason}",
         ]
-        lines += [f"{rms:.3f} px  {len(v.ids)} corners  {v.name}" for rms, v in zip(self.view_rms, self.views, strict=True)]
+        lines += [
+            f"{rms:.3f} px  {len(v.ids)} corners  {v.name}" for rms, v in zip(self.view_rms, self.views, strict=True)
+        ]
         return "\n".join(lines + [f"left out  {words}" for words in self.left_out])
 
     def save(self, path: str | Path, *, sources: Iterable[str] = ()) -> None:
@@ -218,14 +222,18 @@ def find_views(
         raise VisionError(_too_few(board, len(found), looked_at))
     chosen, left_out = _chosen(found, board, first[1], most, spread=from_video or len(found) > most)
     if len(chosen) < LEAST_VIEWS:
-        raise VisionError(f"{_too_few(board, len(found), looked_at)}; of these only {len(chosen)} are sharp and differ in pose")
+        raise VisionError(
+            f"{_too_few(board, len(found), looked_at)}; of these only {len(chosen)} are sharp and differ in pose"
+        )
     return BoardViews(tuple(chosen), first[1], looked_at, tuple(left_out))
 
 
 def _too_few(board: Board, found: int, looked_at: int) -> str:
     hint = "a chessboard counts inner corners" if board.kind == "chessboard" else "a ChArUco board counts squares"
     words = f"the board {board} was found in {found} of {looked_at} images, and {LEAST_VIEWS} are needed, better 15"
-    return f"{words}; is it the board that was printed ({hint}), whole, sharp and lit?" if found < LEAST_VIEWS else words
+    return (
+        f"{words}; is it the board that was printed ({hint}), whole, sharp and lit?" if found < LEAST_VIEWS else words
+    )
 
 
 def calibrate_camera(found: BoardViews, board: Board, *, coefficients: int | None = None) -> CameraCalibration:

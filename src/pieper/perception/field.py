@@ -136,7 +136,9 @@ class FieldCalibration:
             "by": f"pieper {__version__}",
         }
         told: dict[str, Any] = {"assumed": list(self.assumed)} if self.assumed else {}
-        save_view(path, self.view, field=self.size, camera_file=camera_file, **told, residual=residual, provenance=provenance)
+        save_view(
+            path, self.view, field=self.size, camera_file=camera_file, **told, residual=residual, provenance=provenance
+        )
 
     def picture(self, image: Image) -> Image:
         """Draw the field and the misses over an image, ``(height, width, 3)`` and taller for the words."""
@@ -144,7 +146,9 @@ class FieldCalibration:
 
         head = f"{self.method}: RMS {self.rms * 1e3:.2f} mm, worst {self.worst * 1e3:.2f} mm over {len(self.uv)} points"
         drawn = [self.view.to_image(line[:, :2], height=line[:, 2]) for line in self.outlines]
-        return field_picture(image, drawn, self.uv, self.residual, [head, f"camera {self.camera_height:.2f} m above the field"])
+        return field_picture(
+            image, drawn, self.uv, self.residual, [head, f"camera {self.camera_height:.2f} m above the field"]
+        )
 
 
 def from_points(
@@ -191,14 +195,18 @@ def from_points(
     """
     pixels, places = stack(uv, (2,), "uv"), _places(p_field)
     if pixels.ndim != 2 or len(pixels) != len(places):
-        raise ArrayError(f"uv and p_field must have one row for each point, got shapes {pixels.shape} and {places.shape}")
+        raise ArrayError(
+            f"uv and p_field must have one row for each point, got shapes {pixels.shape} and {places.shape}"
+        )
     labels = [f"point {i + 1}" for i in range(len(pixels))] if names is None else [str(n) for n in names]
     if len(labels) != len(pixels):
         raise ArrayError(f"names must name each of {len(pixels)} points, got {len(labels)}")
     _check_points(pixels, places)
     lens = _Lens(camera, _size_of(camera, image_size), camera_height, radial)
     if radial and len(pixels) < 6:
-        raise VisionError(f"radial distortion needs six points or more, got {len(pixels)}; give the camera, or radial 0")
+        raise VisionError(
+            f"radial distortion needs six points or more, got {len(pixels)}; give the camera, or radial 0"
+        )
 
     def miss(x: FloatArray, rows: Any) -> FloatArray:
         return np.asarray(np.nan_to_num(pixels[rows] - lens.project(x, places[rows]), nan=1e4)).reshape(-1)
@@ -222,7 +230,16 @@ def from_points(
         left_out[name] = _rms(_errors(lens.view(fit.x), pixels[~rows], places[~rows]))
     extent = size or (float(np.ptp(places[:, 0])), float(np.ptp(places[:, 1])))
     return FieldCalibration(
-        view, pixels, places, residual, error, left_out, method, lens.assumed(), (_rectangle(extent, places, size),), extent
+        view,
+        pixels,
+        places,
+        residual,
+        error,
+        left_out,
+        method,
+        lens.assumed(),
+        (_rectangle(extent, places, size),),
+        extent,
     )
 
 
@@ -498,14 +515,18 @@ class _Lens:
             rays = self.camera.directions(pixels)[:, :2]
             if not np.isfinite(rays).all():
                 row = int(np.flatnonzero(~np.isfinite(rays).all(axis=1))[0])
-                raise VisionError(f"pixel {pixels[row].tolist()} is beyond the reach of the lens; does the camera belong to this image?")
+                raise VisionError(
+                    f"pixel {pixels[row].tolist()} is beyond the reach of the lens; does the camera belong to this image?"
+                )
         else:
             rays = (pixels - (np.array(self.size) - 1) / 2) / (self.size[0] * (focal or _ASSUMED_FOCAL))
         flat = places.copy()
         level = float(places[:, 2].mean())
         flat[:, 2] = 0.0
         best, least = None, np.inf
-        _, rotations, shifts, _ = cv2.solvePnPGeneric(flat, np.ascontiguousarray(rays), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
+        _, rotations, shifts, _ = cv2.solvePnPGeneric(
+            flat, np.ascontiguousarray(rays), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+        )
         for r, t in zip(rotations, shifts, strict=True):
             R = cv2.Rodrigues(r)[0]
             t = np.ravel(t) - R[:, 2] * level
@@ -549,12 +570,16 @@ class _Lens:
         return tuple(words)
 
 
-def _solve_points(lens: _Lens, pixels: FloatArray, places: FloatArray, miss: Callable[[FloatArray], FloatArray]) -> FloatArray:
+def _solve_points(
+    lens: _Lens, pixels: FloatArray, places: FloatArray, miss: Callable[[FloatArray], FloatArray]
+) -> FloatArray:
     def all_misses(x: FloatArray) -> FloatArray:
         return np.concatenate([miss(x), lens.high(x)])
 
     starts = [lens.guess(pixels, places, f) for f in (_FOCALS if lens.free_focal else (None,))]
-    fits = [least_squares(all_misses, x, x_scale="jac", method="trf", xtol=1e-14, ftol=1e-14, gtol=1e-14) for x in starts]
+    fits = [
+        least_squares(all_misses, x, x_scale="jac", method="trf", xtol=1e-14, ftol=1e-14, gtol=1e-14) for x in starts
+    ]
     fit = min(fits, key=lambda fit: float(fit.cost))
     if lens.free_focal and lens.height is None and _is_vague(fit):
         lens.focal = _ASSUMED_FOCAL
@@ -680,7 +705,9 @@ def _check_points(pixels: FloatArray, places: FloatArray) -> None:
         raise VisionError(f"four points are needed, got {len(pixels)}")
     for what, points, unit in (("pixels", pixels, "px"), ("places", places[:, :2], "m")):
         if _flatness(points) < _FLAT:
-            raise VisionError(f"the {what} lie on one line (within {100 * _flatness(points):.2g} % of its length): {_shown(points, unit)}")
+            raise VisionError(
+                f"the {what} lie on one line (within {100 * _flatness(points):.2g} % of its length): {_shown(points, unit)}"
+            )
         if len(points) == 4:
             for i in range(4):
                 if _flatness(np.delete(points, i, axis=0)) < _FLAT:

@@ -96,7 +96,11 @@ def lines(name: str | Path) -> FieldLines:
     UnknownNameError
         No such field.
     """
-    known = {"vsss": _vsss, "ssl-a": lambda: _ssl("ssl-a", 12.0, 9.0, 1.8, 3.6), "ssl-b": lambda: _ssl("ssl-b", 9.0, 6.0, 1.0, 2.0)}
+    known = {
+        "vsss": _vsss,
+        "ssl-a": lambda: _ssl("ssl-a", 12.0, 9.0, 1.8, 3.6),
+        "ssl-b": lambda: _ssl("ssl-b", 9.0, 6.0, 1.0, 2.0),
+    }
     if str(name) in known:
         return known[str(name)]()
     if Path(name).suffix.lower() in (".yaml", ".yml"):
@@ -176,7 +180,14 @@ def _from_file(path: Path) -> FieldLines:
         if not 0 < end - begin <= 2 * np.pi + 1e-9:
             raise row.error("end", "must be after the beginning, by a full turn (6.2832) at most")
         found.append(
-            _arc(row.text("name", f"circle {i + 1}"), row.array("centre", (2,)), row.number("radius", least=w), w, begin, end)
+            _arc(
+                row.text("name", f"circle {i + 1}"),
+                row.array("centre", (2,)),
+                row.number("radius", least=w),
+                w,
+                begin,
+                end,
+            )
         )
     if len(found) < 2:
         raise top.error("lines", "a field needs two lines or circles at least")
@@ -216,9 +227,7 @@ class LinePoints:
         return len(self.uv) / max(self.looked, 1)
 
 
-def find_lines(
-    gray: FloatArray, model: FieldLines, view: FieldView, search: float, *, most: int = 1500
-) -> LinePoints:
+def find_lines(gray: FloatArray, model: FieldLines, view: FieldView, search: float, *, most: int = 1500) -> LinePoints:
     """Find the lines of a field near where a view says that they are.
 
     Across each line the brightness is compared with a bar of the line's width between two dark flanks, and the place where the lesser of the two
@@ -278,7 +287,7 @@ def find_lines(
     bend = before - 2 * at + after
     peak = np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, -1.0), 0.0)
     moved = (offsets[column] + np.clip(peak, -1, 1) * _STEP)[:, None] * normal[kept]
-    return LinePoints(which[kept], p[kept], normal[kept], uv[kept] + moved, 1 / size[kept], int(len(uv)))
+    return LinePoints(which[kept], p[kept], normal[kept], uv[kept] + moved, 1 / size[kept], len(uv))
 
 
 def smoothed(image: NDArray[np.uint8]) -> FloatArray:

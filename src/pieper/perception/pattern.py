@@ -148,7 +148,9 @@ class Patterns:
                 ball = BallPattern(thing.color, thing.radius)
                 continue
             height = thing.model.height
-            markers = (PatternMarker(m.color, (m.x, m.y), height, float(np.sqrt(m.area / np.pi))) for m in thing.model.markers)
+            markers = (
+                PatternMarker(m.color, (m.x, m.y), height, float(np.sqrt(m.area / np.pi))) for m in thing.model.markers
+            )
             robots.append(Pattern(thing.name, tuple(markers)))
         return cls(tuple(robots), ball)
 
@@ -288,7 +290,11 @@ def lone_markers(blobs: Blobs, view: View, follow: Mapping[str, Follow]) -> tupl
     """
     rows: list[int] = []
     for name, which in follow.items():
-        own = np.flatnonzero(blobs.color == blobs.names.index(name)) if name in blobs.names else np.zeros(0, dtype=np.int64)
+        own = (
+            np.flatnonzero(blobs.color == blobs.names.index(name))
+            if name in blobs.names
+            else np.zeros(0, dtype=np.int64)
+        )
         if which == "largest" and len(own):
             own = own[[int(np.argmax(blobs.area[own]))]]
         rows += own.tolist()
@@ -602,7 +608,11 @@ class PatternFinder:
         self, pools: list[_Candidates], used: set[int], before: list[tuple[_Candidates, int]]
     ) -> tuple[list[tuple[_Candidates, int]], bool]:
         """The best first, then the best of what has blobs of its own; and whether something lost a blob that it may do without."""
-        entries = [(-s, c, i, row) for c in pools for i, (s, row) in enumerate(zip(c.score.tolist(), c.rows.tolist(), strict=True))]
+        entries = [
+            (-s, c, i, row)
+            for c in pools
+            for i, (s, row) in enumerate(zip(c.score.tolist(), c.rows.tolist(), strict=True))
+        ]
         entries.sort(key=lambda e: (e[0], e[3]))
         taken = [(c.centre[i], self._shapes[c.shape].span * c.scale[i]) for c, i in before]
         chosen, again = [], False
@@ -640,7 +650,9 @@ class PatternFinder:
         turn = turn / np.abs(turn)
         if self._metric:
             count = there.sum(axis=1)
-            middle, lever = ((v * there).sum(axis=1) / count for v in (points, np.broadcast_to(shape.places, rows.shape)))
+            middle, lever = (
+                (v * there).sum(axis=1) / count for v in (points, np.broadcast_to(shape.places, rows.shape))
+            )
             origin = middle - turn * lever
         for _ in range(2):  # Gauss-Newton; the problem is nearly linear, and the second step is below rounding
             arm = (size * turn)[:, None] * shape.places[None]
@@ -749,7 +761,9 @@ class PatternFinder:
         z = levels.places(ball.radius)[own]
         fit = np.minimum(blobs.circularity[own] / _BALL_ROUND, 1.0)
         if ball.radius > 0 and self.scale is not None and len(own):
-            share = blobs.area[own] / (np.pi * (ball.radius * levels.pixels_per_unit(ball.radius)[own] * self.scale) ** 2)
+            share = blobs.area[own] / (
+                np.pi * (ball.radius * levels.pixels_per_unit(ball.radius)[own] * self.scale) ** 2
+            )
             fit = np.where((share > _BALL_AREA[0]) & (share < _BALL_AREA[1]), fit * np.minimum(share, 1.0 / share), 0.0)
         else:
             fit = fit * (blobs.area[own] / blobs.area[own].max(initial=1.0))

@@ -100,6 +100,8 @@ class MarkerTracker:
         Follows the light.
     area : (int, int or None), optional
         Least and greatest area of a patch [px]; by default 12 and no bound.
+    within : (float, float, float, float), optional
+        Least x and y, greatest x and y, in the unit of the view: patches elsewhere are clutter and are left out.
 
     Raises
     ------
@@ -123,6 +125,7 @@ class MarkerTracker:
         parameters: TrackerParameters | None = None,
         adaptation: Adaptation | None = None,
         area: tuple[int, int | None] = (12, None),
+        within: tuple[float, float, float, float] | None = None,
     ) -> None:
         self.table = colors if isinstance(colors, ColorTable) else colors.table()
         self.view: View = PixelView() if view is None else view
@@ -140,6 +143,7 @@ class MarkerTracker:
         self._markers = _per_color(markers, self.table.names)
         self.adaptation = adaptation
         self._area = area
+        self._within = None if within is None else np.array(within, dtype=np.float64).reshape(2, 2)
         self._size: tuple[int, int] | None = None
 
     def step(self, frame: Frame) -> Step:
@@ -171,7 +175,11 @@ class MarkerTracker:
     def _segment(self, frame: Frame) -> Blobs:
         table = self.table if self.adaptation is None else self.adaptation.table
         least, most = self._area
-        return segment(frame.image, table, min_area=least, max_area=most)
+        blobs = segment(frame.image, table, min_area=least, max_area=most)
+        if self._within is None or not len(blobs):
+            return blobs
+        places = self.view.to_field(blobs.centroid)  # NaN, beyond the horizon, is nowhere
+        return blobs.select(((places >= self._within[0]) & (places <= self._within[1])).all(axis=-1))
 
     def _sightings(self, blobs: Blobs) -> tuple[Sighting, ...]:
         if self._finder is None:
@@ -182,7 +190,9 @@ class MarkerTracker:
         camera = getattr(self.view, "camera", None)
         if camera is not None and tuple(camera.size) != size:
             wanted, got = (" x ".join(map(str, s)) for s in (camera.size, size))
-            raise VisionError(f"the camera was calibrated at {wanted} pixels, and a frame has {got}; calibrate at that size")
+            raise VisionError(
+                f"the camera was calibrated at {wanted} pixels, and a frame has {got}; calibrate at that size"
+            )
         if self._size not in (None, size):
             self.tracker.restart(f"frames are now {size[0]} x {size[1]} pixels, before they were {self._size}")
             if self._finder is not None:
