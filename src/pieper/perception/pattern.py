@@ -210,7 +210,7 @@ def load_patterns(source: str | Path | None) -> Patterns:
         return _read(parse_yaml(raw, f"{source}.yaml"))
     path = Path(source)
     if not path.exists() and not path.suffix and path.name == str(source):
-        raise unknown_name("set of patterns", str(source), BUILT_IN, "Pieper; a file may be named instead")
+        raise unknown_name("pattern set or file", str(source), BUILT_IN)
     return _read(read_yaml(path))
 
 
