@@ -72,7 +72,13 @@ The tests hold these against `trackeval` and `motmetrics` on random scenes.
 def page(data: dict) -> str:
     """The page, from the data."""
     rows = [
-        [mark["what"], shown(mark, mark["report"]), shown(mark, mark["ours"]), mark["must"], "reached" if mark["reached"] else "**missed**"]
+        [
+            mark["what"],
+            shown(mark, mark["report"]),
+            shown(mark, mark["ours"]),
+            mark["must"],
+            "reached" if mark["reached"] else "**missed**",
+        ]
         for mark in data["marks"]
     ]
     reached = sum(mark["reached"] for mark in data["marks"])
@@ -80,7 +86,9 @@ def page(data: dict) -> str:
     text += f"{reached} of {len(rows)} marks are reached. *Report* is the method of the report, exactly as it describes it, in the same run.\n\n"
     text += lines(["what", "report", "pieper", "must", ""], rows) + "\n"
     text += "\n![Ten robots, tracked](../images/perception_tracked.jpg)\n"
-    text += "\n*The scene `shadow` with what the tracker says: circles, names, headings, and where everything came from.*\n"
+    text += (
+        "\n*The scene `shadow` with what the tracker says: circles, names, headings, and where everything came from.*\n"
+    )
     text += "\n## Each scene in full\n\n"
     text += lines(SCENE_COLUMNS, [scene_row(scene, row) for scene, row in data["figures"].items()]) + "\n"
     best = {m["what"]: m["details"] for m in data["marks"] if "best_opencv" in m["details"]}
@@ -97,7 +105,18 @@ def lines(head: list[str], rows: list[list[str]]) -> str:
     return "\n".join(table(head, rows))
 
 
-SCENE_COLUMNS = ["scene", "position [mm]", "95 %", "heading [deg]", "recall", "precision", "IDF1", "HOTA", "switches", "NEES inside"]
+SCENE_COLUMNS = [
+    "scene",
+    "position [mm]",
+    "95 %",
+    "heading [deg]",
+    "recall",
+    "precision",
+    "IDF1",
+    "HOTA",
+    "switches",
+    "NEES inside",
+]
 
 
 def scene_row(scene: str, row: dict) -> list[str]:
@@ -107,7 +126,12 @@ def scene_row(scene: str, row: dict) -> list[str]:
         1e3 * row["position"]["rms"], 1e3 * row["position"]["p95"], degrees * row["heading"]["rms"], row["clear"]["recall"],
         row["clear"]["precision"], row["identity"]["idf1"], row["hota"]["hota"],
     ]  # fmt: skip
-    return [f"`{scene}`", *(f"{value:.3g}" for value in figures), str(row["clear"]["switches"]), f"{row['nees']['inside']:.1%}"]
+    return [
+        f"`{scene}`",
+        *(f"{value:.3g}" for value in figures),
+        str(row["clear"]["switches"]),
+        f"{row['nees']['inside']:.1%}",
+    ]
 
 
 def shown(mark: dict, value: float | None) -> str:
@@ -126,7 +150,10 @@ def figures() -> dict[str, dict]:
     for name in PRESETS:
         print(f"-- scene {name}", file=sys.stderr)
         row = pass_marks.follow(preset(name), adapt=True).result.as_data()
-        found[name] = {key: row[key] for key in ("position", "hidden", "heading", "clear", "identity", "hota", "nees", "heading_nees")}
+        found[name] = {
+            key: row[key]
+            for key in ("position", "hidden", "heading", "clear", "identity", "hota", "nees", "heading_nees")
+        }
     return found
 
 
