@@ -196,5 +196,4 @@ def test_a_board_is_drawn_where_the_camera_sees_it():
         gray = np.ascontiguousarray(eye.picture(pose, noise=0.0)[..., 0])
         start = np.array(pixels[:, None], np.float32, order="C")
         away = cv2.cornerSubPix(gray, start, (4, 4), (-1, -1), until)[:, 0] - pixels
-        assert np.abs(away.mean(axis=0)) == pytest.approx([0, 0], abs=0.02)  # an offset of the board would be in all of them
-        assert np.sqrt(np.mean(away**2)) < 0.1  # what the gradients of OpenCV make of edges that no lens has softened
+        assert np.sqrt(np.mean(away**2)) < 0.05  # what OpenCV's gradients make of edges of one pixel

@@ -53,6 +53,7 @@ VGA, FULL_HD = (640, 480), (1920, 1080)
 _NEAR = 5.0  # px, within which a circle of the report's is of a marker
 _MISSES, _CLUTTER = 0.2, 0.05
 _SIDES = 4  # rays through a pixel, each way
+_SOFT = 1.0  # px; what a lens makes of an edge
 
 
 @dataclass(frozen=True)
@@ -592,7 +593,7 @@ def _poses(board: Board, count: int) -> Iterator[FloatArray]:
 
 
 class BoardCamera:
-    """Takes pictures of a printed board through a lens: each pixel is the mean of sixteen rays.
+    """Takes pictures of a printed board through a lens: each pixel is the mean of sixteen rays, softened by the lens by a pixel.
 
     Parameters
     ----------
@@ -618,7 +619,7 @@ class BoardCamera:
                 s, t = (i + (j + 0.5) / _SIDES) / _SIDES, (j + (i + 0.5) / _SIDES) / _SIDES
                 ray = (1 - s) * (1 - t) * four[0] + s * (1 - t) * four[1] + (1 - s) * t * four[2] + s * t * four[3]
                 white += self._board.is_white(T[:2, 3] - ray[..., :2] * (T[2, 3] / ray[..., 2])[..., None])
-        gray = 30 + 190 * white / _SIDES**2
+        gray = opencv("drawing a board").GaussianBlur(30 + 190 * white / _SIDES**2, (0, 0), _SOFT)
         gray += np.random.default_rng(seed).normal(0, noise, gray.shape)
         image: Image = np.repeat(np.clip(np.rint(gray), 0, 255).astype(np.uint8)[..., None], 3, axis=2)
         return image
