@@ -275,12 +275,12 @@ def test_a_file_of_ones_own(tmp_path):
         ),
         (
             "robots:\n  - {name: a, markers: [{color: red, position_mm: [0, 0]}]}\n"
-            "  - {name: a, markers: [{color: blue, position_mm: [0, 0]}]}\n",
+             "  - {name: a, markers: [{color: blue, position_mm: [0, 0]}]}\n",
             "two named a",
         ),
         (
             "robots:\n  - {name: a, markers: [{color: red, position_mm: [0, 0]}]}\n"
-            "  - {name: b, markers: [{color: red, position_mm: [0, 0]}]}\n",
+             "  - {name: b, markers: [{color: red, position_mm: [0, 0]}]}\n",
             "look the same",
         ),
     ],
