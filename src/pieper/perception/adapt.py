@@ -67,8 +67,9 @@ class LightAdaptation:
     ----------
     model : ColorModel
         As it was learned, in log-chroma.
-    enabled : bool
-        If not, the table stays as it was learned, whatever is observed.
+    enabled : bool, optional
+        If not, the table stays as it was learned, whatever is observed. By default a model in log-chroma follows the light, and one in
+        HSV, which cannot, does not.
     seconds : float
         Time constant with which the light is followed [s]; that of a single colour is five times longer.
     most_light : float
@@ -101,7 +102,7 @@ class LightAdaptation:
         self,
         model: ColorModel,
         *,
-        enabled: bool = True,
+        enabled: bool | None = None,
         seconds: float = 0.5,
         most_light: float = 4.0,
         most_cast: float = 0.35,
@@ -115,7 +116,7 @@ class LightAdaptation:
             raise VisionError(
                 "the times must be positive, most_light at least 1, most_cast and most_shift not negative"
             )
-        self.enabled = enabled
+        self.enabled = model.space == LogChroma.name if enabled is None else enabled
         self.model, self._learned = model, model
         self.table: ColorTable = model.table()
         self.history: deque[LightChange] = deque(maxlen=_KEPT)
@@ -137,6 +138,16 @@ class LightAdaptation:
         """Blue, green and red of the light against their mean; 1 is none."""
         b, g, r = np.exp(self._cast).tolist()
         return b, g, r
+
+    def summary(self) -> str:
+        """Return a sentence for people."""
+        if not self.enabled:
+            return "the light was not followed"
+        b, g, r = self.cast
+        return (
+            f"light {self.light:.2f} of that learned, cast blue {b:.2f}, green {g:.2f}, red {r:.2f}; "
+            f"the table was renewed {len(self.history)} times"
+        )
 
     def update(self, frame: Frame, blobs: Blobs) -> bool:
         """Take in a frame.
