@@ -141,7 +141,7 @@ class MarkerTracker:
                 f"the colours are: {', '.join(self.table.names)}"
             )
         self._markers = _per_color(markers, self.table.names)
-        self._adaptation = adaptation
+        self.adaptation = adaptation
         self._area = area
         self._within = None if within is None else np.array(within, dtype=np.float64).reshape(2, 2)
         self._size: tuple[int, int] | None = None
@@ -162,9 +162,9 @@ class MarkerTracker:
         clock.lap("pattern")
         estimates = self.tracker.step(frame.time, sightings)
         clock.lap("track")
-        if self._adaptation is not None:
+        if self.adaptation is not None:
             rows = sorted({row for i in self.tracker.used for row in sightings[i].blobs})
-            self._adaptation.update(frame, blobs.select(np.array(rows, dtype=np.int64)))
+            self.adaptation.update(frame, blobs.select(np.array(rows, dtype=np.int64)))
             clock.lap("adapt")
         return Step(frame.index, frame.time, blobs, sightings, estimates, clock.milliseconds())
 
@@ -173,7 +173,7 @@ class MarkerTracker:
         return self.tracker.predict(time)
 
     def _segment(self, frame: Frame) -> Blobs:
-        table = self.table if self._adaptation is None else self._adaptation.table
+        table = self.table if self.adaptation is None else self.adaptation.table
         least, most = self._area
         blobs = segment(frame.image, table, min_area=least, max_area=most)
         if self._within is None or not len(blobs):
