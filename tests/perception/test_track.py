@@ -86,7 +86,9 @@ def random_frames(seed, robots=3, frames=30):
         dt = rng.uniform(0.005, 0.05)
         time, p = time + dt, p + dt * v
         seen = [
-            robot(*(p[i] + SIGMA * rng.normal(size=2)), rng.uniform(-3, 3) if rng.random() < 0.05 else 0.3 * i, names[i])
+            robot(
+                *(p[i] + SIGMA * rng.normal(size=2)), rng.uniform(-3, 3) if rng.random() < 0.05 else 0.3 * i, names[i]
+            )
             for i in range(robots)
             if rng.random() > 0.2
         ]
@@ -327,7 +329,7 @@ def test_lone_markers_of_one_colour_stay_apart():
     tracker = Tracker(TrackerParameters.pixels())
     spots = np.array([[100.0, 100.0], [140.0, 100.0], [300.0, 200.0]])
     for k in range(20):
-        e = tracker.step(k / 30, [Sighting("marker", "green", p + [k, 0], None, np.eye(2) * 0.01) for p in spots])
+        e = tracker.step(k / 30, [Sighting("marker", "green", p + np.array([k, 0]), None, np.eye(2) * 0.01) for p in spots])
     assert [x.name for x in e] == ["green"] * 3
     np.testing.assert_allclose(sorted(x.position[0] for x in e), [119, 159, 319], atol=0.1)
 

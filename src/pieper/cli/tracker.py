@@ -25,7 +25,9 @@ _PATIENCE = 0.05  # seconds between looks at whether the node was ended, while a
 
 def tracker(
     context: typer.Context,
-    source: Annotated[str, typer.Argument(metavar="VIDEO", help="A video, a folder of images, a camera (0), rtsp://...")],
+    source: Annotated[
+        str, typer.Argument(metavar="VIDEO", help="A video, a folder of images, a camera (0), rtsp://...")
+    ],
     colors: Annotated[Path, typer.Option("--colors", metavar="FILE", help="Colours, from learn-colour.")],
     field: Annotated[
         Path | None, typer.Option("--field", metavar="FILE", help="Field, from calibrate-field; without it, pixels.")
@@ -119,5 +121,3 @@ class _Worker(threading.Thread):
         """Raise what went wrong in the thread."""
         if self._error is not None:
             raise self._error
-
-

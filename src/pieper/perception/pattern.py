@@ -502,7 +502,7 @@ class PatternFinder:
     ) -> _Candidates | None:
         shape = self._shapes[k]
         colors, place_colors, pair_colors = self._table(blobs.names)[k]
-        rows = np.flatnonzero(free & place_colors.any(axis=0)[blobs.color] & levels.sized(shape, scale))
+        rows = np.flatnonzero(free & np.any(place_colors, axis=0, keepdims=True)[0, blobs.color] & levels.sized(shape, scale))
         if len(rows) < shape.least:
             return None
         z = np.stack([levels.places(h)[rows] for h in shape.heights])  # (levels, blobs)

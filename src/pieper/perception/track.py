@@ -395,19 +395,20 @@ class Tracker:
             chosen = [(i, j) for i, j in matches if bool(seen.heading[j]) is with_heading]
             if not chosen:
                 continue
-            i, j = (np.array(part) for part in zip(*chosen, strict=True))
+            rows = np.array(chosen, dtype=np.int64)
+            i, j = rows[:, 0], rows[:, 1]
             y = seen.z[j, :size] - self._x[i, :size]
             if with_heading:
                 y[:, 2] = _wrapped(y[:, 2])
             self._absorb_jolts(i, y, seen.R[j, :size, :size])
             self._x[i], self._P[i] = _updated(self._x[i], self._P[i], y, seen.R[j, :size, :size])
         self._x[:, 2] = _wrapped(self._x[:, 2])
-        for i, j in matches:
-            track = self._tracks[i]
-            track.sighting, track.seen = j, cast("float", self._time)
+        for row, column in matches:
+            track = self._tracks[row]
+            track.sighting, track.seen = column, cast("float", self._time)
             track.hits += 1
             track.misses = 0
-            track.heading |= bool(seen.heading[j])
+            track.heading |= bool(seen.heading[column])
         for track in self._tracks:
             track.frames += 1
             track.misses += track.sighting < 0

@@ -120,7 +120,9 @@ class Tracker:
         self._bus = bus
         self._complaints = Complaints(bus)
         self._frame = bus.parameter("frame", "field", description="frame of all poses", read_only=True)
-        self._publish_tf = bus.parameter("publish_tf", True, description="send a frame for each robot to /tf", read_only=True)
+        self._publish_tf = bus.parameter(
+            "publish_tf", True, description="send a frame for each robot to /tf", read_only=True
+        )
         self._publish_hidden = bus.parameter(
             "publish_hidden", True, description="also what is predicted because nothing shows it"
         )
@@ -228,7 +230,7 @@ class Tracker:
         """Frames a second, and what became of each object."""
         status = [
             {
-                "level": bytes([_OK if self._frames else _WARN]),
+                "level": _OK if self._frames else _WARN,
                 "name": f"{self._bus.node}: frames",
                 "message": f"{self._frames / _REPORT_EVERY:.0f} frames a second",
             }
@@ -238,7 +240,7 @@ class Tracker:
             seen = t.state == "seen"
             status.append(
                 {
-                    "level": bytes([_OK if seen else _WARN]),
+                    "level": _OK if seen else _WARN,
                     "name": f"{self._bus.node}: {link_name(t)}",
                     "message": "seen" if seen else f"hidden for {t.unseen:.2f} s",
                 }
