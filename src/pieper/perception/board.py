@@ -112,7 +112,7 @@ class Board:
             return cls("chessboard", columns, rows, lengths[0])
         if kind == "charuco" and len(words) in (3, 4):
             name = words[3] if len(words) == 4 else _dictionary_for(columns * rows // 2)
-            return cls("charuco", columns, rows, *lengths, dictionary=name, legacy=legacy)
+            return cls("charuco", columns, rows, lengths[0], lengths[1], name, legacy)
         raise VisionError(f"the board {text!r} is not understood; write {_FORMS}")
 
     def __str__(self) -> str:

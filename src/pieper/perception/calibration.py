@@ -122,7 +122,7 @@ class CameraCalibration:
         """Corners seen in each cell of the image, ``(6, 8)``."""
         uv = np.concatenate([view.uv for view in self.views])
         edges = [np.linspace(-0.5, n - 0.5, cells + 1) for n, cells in zip(self.camera.size, _CELLS, strict=True)]
-        return np.histogram2d(uv[:, 1], uv[:, 0], bins=[edges[1], edges[0]])[0].astype(np.int64)
+        return np.asarray(np.histogram2d(uv[:, 1], uv[:, 0], bins=[edges[1], edges[0]])[0], dtype=np.int64)
 
     def report(self) -> str:
         """Return the figures in lines for people."""
@@ -350,7 +350,8 @@ def _rms(residual: FloatArray) -> float:
 
 def _without_odd(found: BoardViews, board: Board, number: int) -> tuple[list[BoardView], list[str], _Solution]:
     """Leave out the worst view and solve again, until none stands out."""
-    views, left_out = list(found.views), []
+    views = list(found.views)
+    left_out: list[str] = []
     while True:
         solution = _solve(views, board, found.size, number)
         rms = np.array([_rms(r) for r in solution.residuals])

@@ -8,8 +8,9 @@ not tell its focal length: on the floor nothing depends on it, but the parallax 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -220,7 +221,7 @@ def from_points(
         raise VisionError(
             f"the points do not fit any view of the field: {_rms(error) * 1e3:.0f} mm RMS; is each pixel beside its own place, in metres?"
         )
-    left_out = {}
+    left_out: dict[str, float] = {}
     for name in dict.fromkeys(labels):
         rows = np.array([label != name for label in labels])
         if 2 * rows.sum() < len(x) or _flatness(places[rows, :2]) < _FLAT:
@@ -447,13 +448,7 @@ def from_tags(
     missing = sorted(tag.number for tag in tags if tag.number not in seen)
     notes = (f"tags  {len(known)} of {len(tags)} seen" + (f"; not seen: {missing}" if missing else ""),)
     outlines = (*result.outlines, *(np.concatenate([tag.corners, tag.corners[:1]]) for tag in known))
-    return _with(result, outlines=outlines, notes=notes)
-
-
-def _with(result: FieldCalibration, **changes: Any) -> FieldCalibration:
-    from dataclasses import replace
-
-    return replace(result, **changes)
+    return replace(result, outlines=outlines, notes=notes)
 
 
 class _Lens:
@@ -792,7 +787,7 @@ def _rectangle(extent: tuple[float, float], places: FloatArray, size: tuple[floa
 def _dense(corners: FloatArray, pieces: int = 24) -> FloatArray:
     """A polyline in short pieces, so that distortion shows."""
     t = np.arange(pieces)[:, None] / pieces
-    parts = [a + t * (b - a) for a, b in zip(corners[:-1], corners[1:], strict=True)]
+    parts = [a + t * (b - a) for a, b in pairwise(corners)]
     return np.concatenate([*parts, corners[-1:]])
 
 

@@ -16,6 +16,8 @@ from pieper.errors import VisionError, unknown_name
 from pieper.perception.yaml_file import Section, read_yaml
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from pieper.perception.field_view import FieldView
@@ -98,7 +100,7 @@ def lines(name: str | Path) -> FieldLines:
     UnknownNameError
         No such field.
     """
-    known = {
+    known: dict[str, Callable[[], FieldLines]] = {
         "vsss": _vsss,
         "ssl-a": lambda: _ssl("ssl-a", 12.0, 9.0, 1.8, 3.6),
         "ssl-b": lambda: _ssl("ssl-b", 9.0, 6.0, 1.0, 2.0),
@@ -288,7 +290,7 @@ def find_lines(gray: FloatArray, model: FieldLines, view: FieldView, search: flo
     bend = before - 2 * at + after
     peak = np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, -1.0), 0.0)
     moved = (offsets[column] + np.clip(peak, -1, 1) * _STEP)[:, None] * normal[kept]
-    return LinePoints(which[kept], p[kept], normal[kept], uv[kept] + moved, 1 / size[kept], int(len(uv)))
+    return LinePoints(which[kept], p[kept], normal[kept], uv[kept] + moved, 1 / size[kept], len(uv))
 
 
 def smoothed(image: NDArray[np.uint8]) -> FloatArray:
