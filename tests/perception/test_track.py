@@ -329,7 +329,9 @@ def test_lone_markers_of_one_colour_stay_apart():
     tracker = Tracker(TrackerParameters.pixels())
     spots = np.array([[100.0, 100.0], [140.0, 100.0], [300.0, 200.0]])
     for k in range(20):
-        e = tracker.step(k / 30, [Sighting("marker", "green", p + np.array([k, 0]), None, np.eye(2) * 0.01) for p in spots])
+        e = tracker.step(
+            k / 30, [Sighting("marker", "green", p + np.array([k, 0]), None, np.eye(2) * 0.01) for p in spots]
+        )
     assert [x.name for x in e] == ["green"] * 3
     np.testing.assert_allclose(sorted(x.position[0] for x in e), [119, 159, 319], atol=0.1)
 

@@ -65,8 +65,8 @@ for _verb, _summary in {
     convert: "Write an arm as DH rows, screws, URDF, formulas.",
     learn_colour: "Colours, from boxes on frames of a video.",
     calibrate_camera: "A lens, from pictures of a printed board.",
-    calibrate_field: "Where the field lies before a camera.",
     track: "Follow coloured markers in a video or camera.",
+    calibrate_field: "Where the field lies before a camera.",
     synthesize: "A film of robots with markers, with exact truth.",
     evaluate: "Tracks against the truth.",
 }.items():

@@ -371,7 +371,8 @@ class Tracker:
 
     def _jolted(self, rows: NDArray[np.int64], same: NDArray[np.bool_]) -> FloatArray:
         """Variance that a jolt may have brought, ``(r, c, 3)``: since the last frame, or for a sighting that is by name of the track, since the
-        last sight of it."""
+        last sight of it.
+        """
         time = cast("float", self._time)
         unseen = np.array([time - self._tracks[i].seen for i in rows])
         since = np.where(same, np.maximum(unseen, self._dt)[:, None], self._dt)
@@ -460,7 +461,7 @@ class Tracker:
 
     def _confirm(self) -> None:
         """Believe what was seen long enough; what claims the name of a believed track that is not seen is that track, found again."""
-        time, p = cast("float", self._time), self.parameters
+        time = cast("float", self._time)
         holders = {t.name: i for i, t in enumerate(self._tracks) if t.confirmed and t.unique and t.hits > 0}
         keep = np.ones(len(self._tracks), dtype=bool)
         for i, track in enumerate(self._tracks):
