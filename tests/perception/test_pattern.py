@@ -274,13 +274,17 @@ def test_a_file_of_ones_own(tmp_path):
             "anchors and aliases",
         ),
         (
-            "robots:\n  - {name: a, markers: [{color: red, position_mm: [0, 0]}]}\n"
-            "  - {name: a, markers: [{color: blue, position_mm: [0, 0]}]}\n",
+            (
+                "robots:\n  - {name: a, markers: [{color: red, position_mm: [0, 0]}]}\n"
+                "  - {name: a, markers: [{color: blue, position_mm: [0, 0]}]}\n"
+            ),
             "two named a",
         ),
         (
-            "robots:\n  - {name: a, markers: [{color: red, position_mm: [0, 0]}]}\n"
-            "  - {name: b, markers: [{color: red, position_mm: [0, 0]}]}\n",
+            (
+                "robots:\n  - {name: a, markers: [{color: red, position_mm: [0, 0]}]}\n"
+                "  - {name: b, markers: [{color: red, position_mm: [0, 0]}]}\n"
+            ),
             "look the same",
         ),
     ],

@@ -30,7 +30,7 @@ def tracked(name, frames, **options):
 )
 def test_ten_robots_within_the_pass_marks(name, position, heading):
     off, turned, found = [], [], 0
-    steps = tracked(name, 40)
+    steps = tracked(name, 40 if name == "clean" else 12)  # blur takes a second a frame to render
     for step, truth in steps:
         true = {thing.name: thing for thing in truth.objects}
         found += sum(s.name in true for s in step.sightings if s.kind == "robot")
@@ -61,7 +61,7 @@ def test_without_patterns_or_calibration_every_marker_is_followed():
         step = tracker.step(frame)
     assert sorted(e.name for e in step.estimates) == ["blue", "green", "green", "red"]
     assert {e.kind for e in step.estimates} == {"marker"}
-    (_, truth) = Renderer(scene)[11]
+    truth = Renderer(scene).truth(11)
     for e in step.estimates:
         true = [m.image for m in truth.objects[0].markers if m.color == e.name]
         assert min(np.hypot(*(e.position - m)) for m in true) < 0.3  # px
@@ -71,8 +71,9 @@ def test_patterns_in_pixels_without_calibration():
     scene = preset("clean").but(frames=10)
     patterns = Patterns.of_scene(scene)
     tracker = MarkerTracker(table_of(patterns.colors), view=PixelView(), patterns=patterns)
-    for frame, truth in Renderer(scene):
+    for frame, _ in Renderer(scene):
         step = tracker.step(frame)
+    truth = Renderer(scene).truth(9)
     true = {thing.name: thing for thing in truth.objects}
     robots = [e for e in step.estimates if e.kind == "robot"]
     assert {e.name for e in robots} == {r.name for r in scene.robots}
@@ -85,7 +86,7 @@ def test_patterns_in_pixels_without_calibration():
 def test_a_colour_that_was_not_learnt_is_named():
     scene = preset("clean")
     with pytest.raises(
-        VisionError, match="the patterns have the colours blue, cyan.*which were not learnt; the colours are: red"
+        VisionError, match=r"the patterns have the colours blue, cyan.*which were not learnt; the colours are: red"
     ):
         MarkerTracker(table_of(["red"]), patterns=Patterns.of_scene(scene))
     with pytest.raises(UnknownNameError, match="no color 'rde'"):
