@@ -158,6 +158,16 @@ class Board:
             white = np.where(printed, bits[marker, module[..., 1], module[..., 0]], white)
         return white
 
+    @property
+    def _edges(self) -> FloatArray:
+        """Where, along either axis, something may change [m]."""
+        starts = np.arange(max(self.squares) + 1) * self.square
+        if self.kind == "chessboard":
+            return starts
+        side = self._markers[0].shape[1]
+        within = (self.square - self.marker) / 2 + np.arange(side + 1) * (self.marker / side)
+        return np.unique(np.concatenate([starts, (starts[:-1, None] + within).reshape(-1)]))
+
     @cached_property
     def _markers(self) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
         """Modules of each marker, white is true, and the number of the marker in each square, -1 for none."""
@@ -242,8 +252,11 @@ class Board:
         width, height = (round((n + 2) * self.square / pixel) for n in self.squares)
         if width * height > 400e6:
             raise VisionError(f"a board of {width} x {height} pixels is too large to draw; ask for fewer dots per inch")
-        y, x = np.mgrid[:height, :width]
-        page = np.where(self.is_white((np.stack([x, y], axis=-1) + 0.5) * pixel - self.square), 255, 0).astype(np.uint8)
+        edges = self._edges
+        middles = (np.concatenate([[-1.0], edges]) + np.concatenate([edges, [edges[-1] + 1.0]])) / 2
+        tiles = np.where(self.is_white(np.stack(np.meshgrid(middles, middles), axis=-1)), 255, 0).astype(np.uint8)
+        columns, rows = (np.searchsorted(edges, (np.arange(n) + 0.5) * pixel - self.square) for n in (width, height))
+        page = np.ascontiguousarray(tiles[np.ix_(rows, columns)])
         words = f"{self}   print at 100 %: one square is {self.square * 1e3:g} mm, measure it"
         scale = min(width * 0.8 / (len(words) * 18), self.square / pixel * 0.3 / 22)
         at = (round(self.square / pixel), height - round(0.3 * self.square / pixel))

@@ -5,7 +5,7 @@ Zhang's method (A flexible new technique for camera calibration, 2000) as OpenCV
 How many coefficients of distortion: five (k1, k2, p1, p2, k3), unless
 
 - the corners stay within 60 % of the way from the centre to the corner of the image: then four, since k3 would be free where nothing was seen;
-- eight (the rational model) lower the error in views that were not fitted by more than 10 %: then eight;
+- eight (the rational model) agree with views that contradict five, or lower the error in views that were not fitted by more than 10 %: then eight;
 - the polynomial folds inside the image: then the next simpler one, for a fold is no lens.
 """
 
@@ -258,14 +258,9 @@ def calibrate_camera(found: BoardViews, board: Board, *, coefficients: int | Non
     number, reason = coefficients, "as asked for"
     if number is None:
         number, reason = _by_reach(found)
-    views, left_out, solution = _without_odd(found, board, number)
     if coefficients is None and number == 5:
-        ratio = _held_out(views, board, found.size, 8) / max(_held_out(views, board, found.size, 5), 1e-9)
-        if ratio < _WORTH:
-            number, reason = 8, f"8: the error in views that were not fitted is {ratio:.2f} of that with 5"
-            views, left_out, solution = _without_odd(found, board, number)
-        else:
-            reason = "5, the default: 8 do no better in views that were not fitted"
+        number, reason = _five_or_eight(found, board)
+    views, left_out, solution = _without_odd(found, board, number)
     if coefficients is None:
         while number and _folds(solution.camera):
             simpler = {8: 5, 5: 4, 4: 0}[number]
@@ -367,6 +362,24 @@ def _without_odd(found: BoardViews, board: Board, number: int) -> tuple[list[Boa
             )
         left_out.append(f"{views[worst].name}: {rms[worst]:.2f} px RMS, where the others have {np.median(rms):.2f}")
         del views[worst]
+
+
+def _five_or_eight(found: BoardViews, board: Board) -> tuple[int, str]:
+    """The larger model where fewer views contradict it, or where it foretells views that were not fitted better."""
+    solved = {}
+    for number in (5, 8):
+        try:
+            solved[number] = _without_odd(found, board, number)
+        except VisionError:
+            if number == 8:
+                return 5, "5, the default: the views contradict a lens with 8"
+    if 5 not in solved or len(solved[8][1]) < len(solved[5][1]):
+        return 8, "8: views that contradict a lens with 5 agree with one with 8"
+    views = solved[5][0]
+    ratio = _held_out(views, board, found.size, 8) / max(_held_out(views, board, found.size, 5), 1e-9)
+    if ratio < _WORTH:
+        return 8, f"8: the error in views that were not fitted is {ratio:.2f} of that with 5"
+    return 5, "5, the default: 8 do no better in views that were not fitted"
 
 
 def _by_reach(found: BoardViews) -> tuple[int, str]:
