@@ -64,7 +64,7 @@ def test_A5_P3_the_hue_of_red_wraps():
 def test_turning_all_hues_turns_their_mean(turn, seed):
     space = SPACES["hsv"]
     x = np.random.default_rng(seed).uniform([80, 50, 50], [110, 200, 200], (20, 3))
-    turned = (x + [turn, 0, 0]) % [180, 1e9, 1e9]
+    turned = (x + np.array([turn, 0, 0])) % [180, 1e9, 1e9]
     difference = space.minus(space.mean(turned) - [turn, 0, 0], space.mean(x))
     np.testing.assert_allclose(difference, 0, atol=1e-7)
 

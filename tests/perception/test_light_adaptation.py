@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -66,12 +67,14 @@ def test_switched_off_nothing_moves(model):
     assert adaptation.table is before
     assert adaptation.light == 1.0
     assert not adaptation.history
-    LightAdaptation(learned(space="hsv").model, enabled=False)
+    assert adaptation.summary() == "the light was not followed"
 
 
 def test_only_log_chroma_can_be_followed():
+    model = learned(space="hsv").model
+    assert not LightAdaptation(model).enabled
     with pytest.raises(VisionError, match="log-chroma only, these colours are in hsv"):
-        LightAdaptation(learned(space="hsv").model)
+        LightAdaptation(model, enabled=True)
 
 
 def test_without_a_change_of_light_the_table_stays(model):
@@ -89,6 +92,7 @@ def test_changes_are_logged_and_kept(model, caplog):
     assert len(caplog.records) == len(adaptation.history) >= 3
     assert "light" in caplog.text
     assert adaptation.history[-1].light < adaptation.history[0].light
+    assert f"renewed {len(adaptation.history)} times" in adaptation.summary()
 
 
 def test_the_table_is_renewed_at_most_as_often_as_allowed(model):
@@ -180,6 +184,14 @@ def test_clocks_that_jump_or_go_back_are_survived(model):
         adaptation.update(Frame(frame(light=0.8, seed=k), k, time), markers())
         check_bounds(adaptation)
     assert adaptation.light > 0.75
+
+
+def test_ragged_patches_tell_nothing(model):
+    adaptation = LightAdaptation(model)
+    ragged = replace(markers(), circularity=np.full(6, 0.4))
+    for k in range(10):
+        adaptation.update(Frame(frame(light=0.7), k, k / RATE), ragged)
+    assert adaptation.light == 1.0
 
 
 def test_blobs_at_the_border_and_names_it_does_not_know_are_passed_over(model):

@@ -34,6 +34,7 @@ _STEP = 0.02  # of a logarithm; the table is made anew when a colour moved furth
 _KEPT = 1000  # changes in the history
 _PRIOR_CAST, _PRIOR_SHIFT = 0.1, 0.05  # standard deviations of what one frame is thought to show
 _CORE = 0.6  # of a blob's radius: its rim is mixed with what is beside it
+_ROUND = 0.6  # circularity below which a blob is the edge of something, or several things; a box of 2 to 1 has 0.76
 _CLIPPED = 250  # grey level from which a channel may have been more
 _MOST_STEP = 0.3  # of a logarithm that one frame may ask for
 
@@ -67,8 +68,9 @@ class LightAdaptation:
     ----------
     model : ColorModel
         As it was learned, in log-chroma.
-    enabled : bool
-        If not, the table stays as it was learned, whatever is observed.
+    enabled : bool, optional
+        If not, the table stays as it was learned, whatever is observed. By default a model in log-chroma follows the light, and one in
+        HSV, which cannot, does not.
     seconds : float
         Time constant with which the light is followed [s]; that of a single colour is five times longer.
     most_light : float
@@ -101,7 +103,7 @@ class LightAdaptation:
         self,
         model: ColorModel,
         *,
-        enabled: bool = True,
+        enabled: bool | None = None,
         seconds: float = 0.5,
         most_light: float = 4.0,
         most_cast: float = 0.35,
@@ -115,7 +117,7 @@ class LightAdaptation:
             raise VisionError(
                 "the times must be positive, most_light at least 1, most_cast and most_shift not negative"
             )
-        self.enabled = enabled
+        self.enabled = model.space == LogChroma.name if enabled is None else enabled
         self.model, self._learned = model, model
         self.table: ColorTable = model.table()
         self.history: deque[LightChange] = deque(maxlen=_KEPT)
@@ -137,6 +139,16 @@ class LightAdaptation:
         """Blue, green and red of the light against their mean; 1 is none."""
         b, g, r = np.exp(self._cast).tolist()
         return b, g, r
+
+    def summary(self) -> str:
+        """Return a sentence for people."""
+        if not self.enabled:
+            return "the light was not followed"
+        b, g, r = self.cast
+        return (
+            f"light {self.light:.2f} of that learned, cast blue {b:.2f}, green {g:.2f}, red {r:.2f}; "
+            f"the table was renewed {len(self.history)} times"
+        )
 
     def update(self, frame: Frame, blobs: Blobs) -> bool:
         """Take in a frame.
@@ -179,7 +191,8 @@ class LightAdaptation:
         found: dict[int, list[FloatArray]] = {}
         for i in range(len(blobs)):
             name = blobs.names[int(blobs.color[i])]
-            if name not in self._learned.names or not np.isfinite(blobs.centroid[i]).all():
+            good = blobs.circularity[i] >= _ROUND and np.isfinite(blobs.centroid[i]).all()
+            if name not in self._learned.names or not good:
                 continue
             k = self._learned.names.index(name)
             (u, v), r = blobs.centroid[i], max(_CORE * float(blobs.radius[i]) / np.sqrt(2), 0.5)

@@ -492,7 +492,7 @@ def _draw(section: Section) -> Bgr | None:
         raise section.error("draw", str(error)) from None
 
 
-_KNOWN: dict[str, Bgr] = {
+DRAWN: dict[str, Bgr] = {
     "red": (0, 0, 255),
     "green": (0, 200, 0),
     "blue": (255, 64, 0),
@@ -511,6 +511,7 @@ _KNOWN: dict[str, Bgr] = {
     "naranja": (0, 140, 255),
     "rosa": (180, 105, 255),
 }
+"""Blue, green and red in which colours of these names are drawn."""
 
 
 def draw_color(text: str) -> Bgr:
@@ -520,18 +521,18 @@ def draw_color(text: str) -> Bgr:
     (0, 128, 255)
     """
     word = text.strip().lower()
-    if word in _KNOWN:
-        return _KNOWN[word]
+    if word in DRAWN:
+        return DRAWN[word]
     if len(word) == 7 and word[0] == "#" and all(c in "0123456789abcdef" for c in word[1:]):
         r, g, b = (int(word[i : i + 2], 16) for i in (1, 3, 5))
         return b, g, r
-    raise VisionError(f"a draw colour must be #rrggbb or one of {', '.join(_KNOWN)}, got {text!r}")
+    raise VisionError(f"a draw colour must be #rrggbb or one of {', '.join(DRAWN)}, got {text!r}")
 
 
 def default_draw(name: str) -> Bgr | None:
     """Return the colour of a name that is one, as in ``"Red"`` or ``"red 2"``; None if it is not."""
     first = name.strip().lower().replace("_", " ").replace("-", " ").split(" ")[0]
-    return _KNOWN.get(first)
+    return DRAWN.get(first)
 
 
 def _short(array: FloatArray) -> list[Any]:

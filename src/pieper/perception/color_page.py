@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
 
 from pieper.errors import PieperError, VisionError
-from pieper.perception.color import default_draw
+from pieper.perception.color import DRAWN, Bgr
 from pieper.perception.color_learning import Region, classified, learn
 from pieper.perception.opencv import opencv
 from pieper.perception.source import probe, read_frame
@@ -137,7 +137,7 @@ class ColorPage:
 
     def state(self) -> dict[str, Any]:
         """What the page begins with."""
-        draw = {name: _css(default_draw(name)) for name in self._names if default_draw(name)}
+        draw = {name: _css(bgr) for name, bgr in DRAWN.items()}
         regions = [asdict(region) for region in self._regions]
         return {"names": self._names, "regions": regions, "frames": self._frames.count, "draw": draw}
 
@@ -325,6 +325,6 @@ def _encoded(kind: str, image: Image) -> bytes:
     return bytes(raw.tobytes())
 
 
-def _css(bgr: tuple[int, int, int] | None) -> str:
-    b, g, r = bgr or (128, 128, 128)
+def _css(bgr: Bgr) -> str:
+    b, g, r = bgr
     return f"#{r:02x}{g:02x}{b:02x}"
