@@ -143,6 +143,7 @@ def bench(session: nox.Session) -> None:
         "numeric_ik",
         "closed_form",
         "report_loop",
+        "segmentation",
         "import_and_size",
         "public_urdfs",
     )

@@ -46,7 +46,7 @@ def some_frame(data: atheris.FuzzedDataProvider) -> object:
     frame = np.resize(drawn, shape).astype(dtype)
     if turned == 0:
         return frame.tolist()
-    if turned == 1:
+    if turned == 1 and frame.ndim:
         return frame[::-steps]
     if turned == 2 and frame.ndim > 1:
         return frame[:, ::-steps]

@@ -396,27 +396,47 @@ struct LumaChroma {
 constexpr std::uint32_t edge = 2;  // pixels on either side of the border of the label in which the real edge is sought
 constexpr std::uint32_t around = 4;  // the background is taken from between `edge` and this
 constexpr std::uint32_t margin = around + 1;
-constexpr std::uint32_t widest = 240;    // of a blob that is refined
-constexpr int enough = 12;               // pixels of background, and of inside where that is eroded
-constexpr int plenty = 100;              // pixels of inside for its mean; of more, rows are left out
-constexpr double contrast = 24;          // between inside and background, below which noise drowns the coverage
-constexpr double luma_contrast = 30;     // above which luma, which every pixel has of its own, is enough
-constexpr double contested = 1.0 / 12;   // variance of the coverage of a pixel that is taken by its label alone
+constexpr std::uint32_t widest = 240;   // of a blob that is refined
+constexpr int enough = 12;              // pixels of background, and of inside where that is eroded
+constexpr int plenty = 100;             // pixels of inside for its mean; of more, rows are left out
+constexpr double contrast = 24;         // between inside and background, below which noise drowns the coverage
+constexpr double luma_contrast = 30;    // above which luma, which every pixel has of its own, is enough
+constexpr double grain = 1;             // variance of every pixel, of rounding and of what a small sample does not show
+constexpr double contested = 1.0 / 12;  // variance of the coverage of a pixel that is taken by its label alone
 constexpr double floor_variance = 1e-4;  // px^2: what no measurement of noise shows, 0.01 px
 
-// Mean and spread of pixels; fewer than 2^15 of them.
-struct Mean {
-  std::int32_t n = 0, sum[3] = {}, square_sum[3] = {};
-  double mean[3], square[3];
+// Mean and covariance of pixels; fewer than 2^15 of them.
+struct Spread {
+  std::int32_t n = 0, sum[3] = {}, product[6] = {};
+  double mean[3], covariance[6];  // xx, yy, zz, xy, xz, yz
   void add(const Color& p) {
     ++n;
-    for (int c = 0; c < 3; ++c) sum[c] += p.c[c], square_sum[c] += p.c[c] * p.c[c];
+    for (int c = 0; c < 3; ++c) sum[c] += p.c[c], product[c] += p.c[c] * p.c[c];
+    product[3] += p.c[0] * p.c[1], product[4] += p.c[0] * p.c[2], product[5] += p.c[1] * p.c[2];
   }
   void finish() {
-    for (int c = 0; c < 3; ++c)
-      mean[c] = sum[c] / static_cast<double>(n), square[c] = square_sum[c] / static_cast<double>(n) - mean[c] * mean[c];
+    const double N = n;
+    for (int c = 0; c < 3; ++c) mean[c] = sum[c] / N, covariance[c] = product[c] / N - mean[c] * mean[c];
+    covariance[3] = product[3] / N - mean[0] * mean[1];
+    covariance[4] = product[4] / N - mean[0] * mean[2];
+    covariance[5] = product[5] / N - mean[1] * mean[2];
   }
 };
+
+// The direction d with d . (m - b) = 1 along which the spread S is least, S^-1 (m - b) / ((m - b)' S^-1 (m - b)); returns
+// that spread, or 0 where there is no such direction. Where a marker lies between two backgrounds, d is across what tells them apart.
+double quiet_direction(const double S[6], const double difference[3], double d[3]) {
+  const double xx = S[1] * S[2] - S[5] * S[5], yy = S[0] * S[2] - S[4] * S[4], zz = S[0] * S[1] - S[3] * S[3],
+               xy = S[4] * S[5] - S[3] * S[2], xz = S[3] * S[5] - S[4] * S[1], yz = S[3] * S[4] - S[0] * S[5];
+  const double determinant = S[0] * xx + S[3] * xy + S[4] * xz;
+  d[0] = xx * difference[0] + xy * difference[1] + xz * difference[2];
+  d[1] = xy * difference[0] + yy * difference[1] + yz * difference[2];
+  d[2] = xz * difference[0] + yz * difference[1] + zz * difference[2];
+  const double size = d[0] * difference[0] + d[1] * difference[1] + d[2] * difference[2];
+  if (!(size > 0)) return 0;
+  for (int c = 0; c < 3; ++c) d[c] /= size;
+  return determinant / size;
+}
 
 class Refiner {
  public:
@@ -453,24 +473,31 @@ class Refiner {
       near_[k] &= ~inside_[k];
       middle += std::popcount(inside_[k]);
     }
+    if (crowded)
+      std::swap(others_, scratch_);  // the edge keeps away from another blob by one pixel, the background by two
     trim(far_, x1 - x0), trim(near_, x1 - x0);
 
-    Mean background, marker;
+    Spread background, marker;
     far_.each(1, [&](std::size_t y, std::size_t x, std::size_t) { background.add(pixels(y0 + y, x0 + x)); });
-    (middle < enough ? own_ : inside_)
-        .each(middle < plenty ? 1 : middle / plenty,
-              [&](std::size_t y, std::size_t x, std::size_t) { marker.add(pixels(y0 + y, x0 + x)); });
-    if (background.n < enough || marker.n == 0) return;
+    if (background.n < enough) return;
+    const BitRows& sure = middle < enough ? own_ : inside_;
+    const auto note = [&](std::size_t y, std::size_t x, std::size_t) { marker.add(pixels(y0 + y, x0 + x)); };
+    sure.each(middle < 2 * plenty ? 1 : middle < 3 * plenty ? 2 : 4, note);
+    if (marker.n < enough) marker = Spread{}, sure.each(1, note);
     background.finish(), marker.finish();
-    double d[3], dd = 0, noise = 0;
-    for (int c = 0; c < 3; ++c) d[c] = marker.mean[c] - background.mean[c];
-    if (frame_.layout != PixelLayout::packed && std::abs(d[0]) >= luma_contrast) d[1] = d[2] = 0;
-    for (int c = 0; c < 3; ++c) dd += d[c] * d[c];
-    if (dd < contrast * contrast) return;
+    double difference[3], S[6], d[3], size = 0;
     for (int c = 0; c < 3; ++c) {
-      d[c] /= dd;
-      noise += d[c] * d[c] * ((background.square[c] + marker.square[c]) / 2 + 1.0 / 12);
+      difference[c] = marker.mean[c] - background.mean[c];
+      size += difference[c] * difference[c];
     }
+    if (size < contrast * contrast) return;
+    for (int c = 0; c < 6; ++c) S[c] = (background.covariance[c] + marker.covariance[c]) / 2 + (c < 3 ? grain : 0);
+    double noise = quiet_direction(S, difference, d);
+    if (frame_.layout != PixelLayout::packed && std::abs(difference[0]) >= luma_contrast) {
+      d[0] = 1 / difference[0], d[1] = d[2] = 0;
+      noise = S[0] * d[0] * d[0];
+    }
+    if (!(noise > 0)) return;
 
     // how far the edge pixels move the centroid that the label gave
     double offset = 0;

@@ -61,3 +61,11 @@ def looking_at(point, *, distance, tilt, turn, roll=0.0):
     T[:3, :3] = R
     T[:3, 3] = np.array([0, 0, distance]) - R @ np.array([*point, 0.0])
     return T
+
+
+def overhead(height, *, tilt=0.0, turn=0.0, yaw=0.0):
+    """Pose of a field (z up) under a camera that looks down, turned by angles [rad]; the origin stays on the axis."""
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_euler("xyz", [np.pi + tilt, turn, yaw]).as_matrix()
+    T[:3, 3] = 0, 0, height
+    return T

@@ -112,7 +112,7 @@ class Board:
             return cls("chessboard", columns, rows, lengths[0])
         if kind == "charuco" and len(words) in (3, 4):
             name = words[3] if len(words) == 4 else _dictionary_for(columns * rows // 2)
-            return cls("charuco", columns, rows, *lengths, dictionary=name, legacy=legacy)
+            return cls("charuco", columns, rows, lengths[0], lengths[1], name, legacy)
         raise VisionError(f"the board {text!r} is not understood; write {_FORMS}")
 
     def __str__(self) -> str:
@@ -157,6 +157,16 @@ class Board:
             module = np.clip(module, 0, side - 1)
             white = np.where(printed, bits[marker, module[..., 1], module[..., 0]], white)
         return white
+
+    @property
+    def _edges(self) -> FloatArray:
+        """Where, along either axis, something may change [m]."""
+        starts = np.arange(max(self.squares) + 1) * self.square
+        if self.kind == "chessboard":
+            return starts
+        side = self._markers[0].shape[1]
+        within = (self.square - self.marker) / 2 + np.arange(side + 1) * (self.marker / side)
+        return np.unique(np.concatenate([starts, (starts[:-1, None] + within).reshape(-1)]))
 
     @cached_property
     def _markers(self) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
@@ -242,8 +252,11 @@ class Board:
         width, height = (round((n + 2) * self.square / pixel) for n in self.squares)
         if width * height > 400e6:
             raise VisionError(f"a board of {width} x {height} pixels is too large to draw; ask for fewer dots per inch")
-        y, x = np.mgrid[:height, :width]
-        page = np.where(self.is_white((np.stack([x, y], axis=-1) + 0.5) * pixel - self.square), 255, 0).astype(np.uint8)
+        edges = self._edges
+        middles = (np.concatenate([[-1.0], edges]) + np.concatenate([edges, [edges[-1] + 1.0]])) / 2
+        tiles = np.where(self.is_white(np.stack(np.meshgrid(middles, middles), axis=-1)), 255, 0).astype(np.uint8)
+        columns, rows = (np.searchsorted(edges, (np.arange(n) + 0.5) * pixel - self.square) for n in (width, height))
+        page = np.ascontiguousarray(tiles[np.ix_(rows, columns)])
         words = f"{self}   print at 100 %: one square is {self.square * 1e3:g} mm, measure it"
         scale = min(width * 0.8 / (len(words) * 18), self.square / pixel * 0.3 / 22)
         at = (round(self.square / pixel), height - round(0.3 * self.square / pixel))

@@ -5,7 +5,7 @@ Zhang's method (A flexible new technique for camera calibration, 2000) as OpenCV
 How many coefficients of distortion: five (k1, k2, p1, p2, k3), unless
 
 - the corners stay within 60 % of the way from the centre to the corner of the image: then four, since k3 would be free where nothing was seen;
-- eight (the rational model) lower the error in views that were not fitted by more than 10 %: then eight;
+- eight (the rational model) agree with views that contradict five, or lower the error in views that were not fitted by more than 10 %: then eight;
 - the polynomial folds inside the image: then the next simpler one, for a fold is no lens.
 """
 
@@ -122,7 +122,7 @@ class CameraCalibration:
         """Corners seen in each cell of the image, ``(6, 8)``."""
         uv = np.concatenate([view.uv for view in self.views])
         edges = [np.linspace(-0.5, n - 0.5, cells + 1) for n, cells in zip(self.camera.size, _CELLS, strict=True)]
-        return np.histogram2d(uv[:, 1], uv[:, 0], bins=[edges[1], edges[0]])[0].astype(np.int64)
+        return np.asarray(np.histogram2d(uv[:, 1], uv[:, 0], bins=[edges[1], edges[0]])[0], dtype=np.int64)
 
     def report(self) -> str:
         """Return the figures in lines for people."""
@@ -258,14 +258,9 @@ def calibrate_camera(found: BoardViews, board: Board, *, coefficients: int | Non
     number, reason = coefficients, "as asked for"
     if number is None:
         number, reason = _by_reach(found)
-    views, left_out, solution = _without_odd(found, board, number)
     if coefficients is None and number == 5:
-        ratio = _held_out(views, board, found.size, 8) / max(_held_out(views, board, found.size, 5), 1e-9)
-        if ratio < _WORTH:
-            number, reason = 8, f"8: the error in views that were not fitted is {ratio:.2f} of that with 5"
-            views, left_out, solution = _without_odd(found, board, number)
-        else:
-            reason = "5, the default: 8 do no better in views that were not fitted"
+        number, reason = _five_or_eight(found, board)
+    views, left_out, solution = _without_odd(found, board, number)
     if coefficients is None:
         while number and _folds(solution.camera):
             simpler = {8: 5, 5: 4, 4: 0}[number]
@@ -350,7 +345,8 @@ def _rms(residual: FloatArray) -> float:
 
 def _without_odd(found: BoardViews, board: Board, number: int) -> tuple[list[BoardView], list[str], _Solution]:
     """Leave out the worst view and solve again, until none stands out."""
-    views, left_out = list(found.views), []
+    views = list(found.views)
+    left_out: list[str] = []
     while True:
         solution = _solve(views, board, found.size, number)
         rms = np.array([_rms(r) for r in solution.residuals])
@@ -366,6 +362,26 @@ def _without_odd(found: BoardViews, board: Board, number: int) -> tuple[list[Boa
             )
         left_out.append(f"{views[worst].name}: {rms[worst]:.2f} px RMS, where the others have {np.median(rms):.2f}")
         del views[worst]
+
+
+def _five_or_eight(found: BoardViews, board: Board) -> tuple[int, str]:
+    """The larger model where fewer views contradict it, or where it foretells views that were not fitted better."""
+    five, eight = _agreeing(found, board, 5), _agreeing(found, board, 8)
+    if eight is None:
+        return 5, "5, the default: the views contradict a lens with 8"
+    if five is None or len(eight) > len(five):
+        return 8, "8: views that contradict a lens with 5 agree with one with 8"
+    ratio = _held_out(five, board, found.size, 8) / max(_held_out(five, board, found.size, 5), 1e-9)
+    if ratio < _WORTH:
+        return 8, f"8: the error in views that were not fitted is {ratio:.2f} of that with 5"
+    return 5, "5, the default: 8 do no better in views that were not fitted"
+
+
+def _agreeing(found: BoardViews, board: Board, number: int) -> list[BoardView] | None:
+    try:
+        return _without_odd(found, board, number)[0]
+    except VisionError:
+        return None
 
 
 def _by_reach(found: BoardViews) -> tuple[int, str]:

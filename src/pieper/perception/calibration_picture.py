@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -94,7 +95,7 @@ def field_picture(
     page = np.ascontiguousarray(image[..., :3] if image.ndim == 3 else np.repeat(image[..., None], 3, axis=-1)).copy()
     page = (page * 0.75).astype(np.uint8)
     for line in outlines:
-        for a, b in zip(line[:-1], line[1:], strict=True):
+        for a, b in pairwise(line):
             if np.isfinite([a, b]).all() and np.abs([a, b]).max() < 1e4:
                 cv2.line(page, _at(a), _at(b), _MODEL, 1, cv2.LINE_AA, _SHIFT)
     rms = float(np.sqrt((miss**2).sum(axis=-1).mean())) if len(miss) else 0.0

@@ -30,6 +30,7 @@ _STEP = 1e-14  # where it ends, relative to 1 + the square of the tangent
 _PATIENCE = 5  # turns after which a pixel beyond the edge is given up
 _RESIDUAL = 1e-11  # what may remain in normalised coordinates, relative likewise: 1e-8 px
 _WIDEST = 600.0  # tangent of 89.9 deg, where a pinhole ends
+_SHORT = 1 - 1e-9  # of the way to a fold or to a pole
 _RAYS, _RADII = 64, 400  # directions and steps in which the fold is looked for
 
 
@@ -173,9 +174,11 @@ class Camera:
         k1, k2, _, _, k3, k4, k5, k6, *_ = self._coefficients
         N, D = np.polynomial.Polynomial([1, k1, k2, k3]), np.polynomial.Polynomial([1, k4, k5, k6])
         t = np.polynomial.Polynomial([0, 1])
-        roots = np.concatenate([p.trim().roots() for p in (N * D + 2 * t * (N.deriv() * D - N * D.deriv()), D)])
-        real = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots)) & (roots.real > 0)]
-        return float(np.sqrt(real.min(initial=np.inf)))
+        # Both begin with 1, so the polynomials of 1 / r^2 are those that need no division.
+        of_inverse = [np.roots(p.coef) for p in (N * D + 2 * t * (N.deriv() * D - N * D.deriv()), D)]
+        inverse = np.concatenate(of_inverse)
+        real = inverse.real[(np.abs(inverse.imag) <= 1e-9 * np.abs(inverse)) & (inverse.real > _WIDEST**-2)]
+        return float(np.sqrt(1 / real.max())) * _SHORT if real.size else np.inf
 
     @cached_property
     def _coefficients(self) -> tuple[float, ...]:

@@ -8,8 +8,9 @@ not tell its focal length: on the floor nothing depends on it, but the parallax 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,7 +45,7 @@ _LOSS = 1.0  # px, where misses of lines begin to count less
 _ROUND = 3  # fits at each width of search
 _FIRST_LOOK, _COARSE, _FINE = 150, 400, 1500  # points of lines
 _FINALISTS = 3
-_NARROWEST = 3.0  # px
+_NARROWEST = 5.0  # px: real lines lie a centimetre from where they should
 _EXPLAINED, _AUTOMATIC = 0.4, 0.75  # share of the lines that has to be seen: with a hint, and without
 _AHEAD = 0.15  # and by how much more than with the field turned by a quarter
 
@@ -220,10 +221,10 @@ def from_points(
         raise VisionError(
             f"the points do not fit any view of the field: {_rms(error) * 1e3:.0f} mm RMS; is each pixel beside its own place, in metres?"
         )
-    left_out = {}
+    left_out: dict[str, float] = {}
     for name in dict.fromkeys(labels):
         rows = np.array([label != name for label in labels])
-        if 2 * rows.sum() < len(x) or _flatness(places[rows, :2]) < _FLAT:
+        if 2 * rows.sum() <= len(x) or _flatness(places[rows, :2]) < _FLAT:
             left_out = {}
             break
         fit = least_squares(lambda x, rows=rows: miss(x, rows), x, x_scale="jac", method="trf")
@@ -282,9 +283,10 @@ def from_lines(
         raise VisionError(_other_size(camera, size))
     wide = float(search or max(size) / 20)
     lens = _Lens(camera, size, camera_height, radial)
-    free = lens.free_focal and camera_height is None
+    free, coefficients = lens.free_focal and camera_height is None, lens.radial
     if free:
-        lens.focal = _ASSUMED_FOCAL  # the pose first
+        lens.focal = _ASSUMED_FOCAL
+    lens.radial = 0  # the pose first, or the lens would bend towards the wrong lines
     if start is not None:
         x, points = _follow(lens, gray, model, lens.parameters(start), _narrowing(wide))
         if points.explained < _EXPLAINED:
@@ -294,6 +296,10 @@ def from_lines(
             )
     else:
         x, points = _automatic(lens, gray, model, wide)
+    if coefficients and camera is None:
+        lens.radial = coefficients
+        x = np.concatenate([x, np.zeros(coefficients)])
+        x, points = _follow(lens, gray, model, x, _narrowing(wide / 4))
     if free:
         x = _with_focal(lens, points, x)
     x, points = _follow(lens, gray, model, x, [_NARROWEST], most=_FINE)
@@ -306,13 +312,13 @@ def from_lines(
     return FieldCalibration(
         lens.view(x),
         points.uv,
-        np.pad(points.p_field, ((0, 0), (0, 1))),
+        points.p_field,
         across[:, None] * points.normal,
         np.abs(across) * points.scale,
         left_out,
         "lines",
         lens.assumed(),
-        tuple(np.pad(_dense(line.points), ((0, 0), (0, 1))) for line in model.lines),
+        tuple(np.pad(_dense(line.points), ((0, 0), (0, 1)), constant_values=line.height) for line in model.lines),
         (model.length, model.width),
         (f"lines  {points.explained:.0%} of {points.looked} points of {model.name} seen",),
     )
@@ -323,7 +329,8 @@ def _with_focal(lens: _Lens, points: LinePoints, x: FloatArray) -> FloatArray:
     lens.focal = None
     freed = np.concatenate([x[:6], [np.log(_ASSUMED_FOCAL)], x[6:]])
     fit = _line_fit(lens, points, freed, most=200)
-    if not _is_vague(fit):
+    together = len(points.uv) / len(np.unique(points.line))  # a line that is painted askew is askew in all its points
+    if not _is_vague(fit, together):
         return np.asarray(fit.x)
     lens.focal = _ASSUMED_FOCAL
     return x
@@ -441,13 +448,7 @@ def from_tags(
     missing = sorted(tag.number for tag in tags if tag.number not in seen)
     notes = (f"tags  {len(known)} of {len(tags)} seen" + (f"; not seen: {missing}" if missing else ""),)
     outlines = (*result.outlines, *(np.concatenate([tag.corners, tag.corners[:1]]) for tag in known))
-    return _with(result, outlines=outlines, notes=notes)
-
-
-def _with(result: FieldCalibration, **changes: Any) -> FieldCalibration:
-    from dataclasses import replace
-
-    return replace(result, **changes)
+    return replace(result, outlines=outlines, notes=notes)
 
 
 class _Lens:
@@ -527,9 +528,14 @@ class _Lens:
         _, rotations, shifts, _ = cv2.solvePnPGeneric(
             flat, np.ascontiguousarray(rays), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
         )
-        for r, t in zip(rotations, shifts, strict=True):
-            R = cv2.Rodrigues(r)[0]
-            t = np.ravel(t) - R[:, 2] * level
+        poses = [(cv2.Rodrigues(r)[0], np.ravel(t)) for r, t in zip(rotations, shifts, strict=True)]
+        for R, t in [
+            *poses,
+            *_of_homography(cv2, places, rays),
+        ]:  # the former fail where the axis is square to the field
+            if not np.isfinite(R).all() or not np.isfinite(t).all():
+                continue
+            t = t - R[:, 2] * level
             p = places @ R.T + t
             eye = -R.T @ t
             if (p[:, 2] <= 0).any() or eye[2] <= 0:
@@ -570,6 +576,16 @@ class _Lens:
         return tuple(words)
 
 
+def _of_homography(cv2: Any, places: FloatArray, rays: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+    """Pose from ``H = (r1 r2 t)`` up to scale, with the nearest rotation."""
+    H, _ = cv2.findHomography(places[:, :2], rays)
+    if H is None:
+        return []
+    H = H * np.sign(H[2, 2]) / np.sqrt(np.linalg.norm(H[:, 0]) * np.linalg.norm(H[:, 1]))
+    U, _, Vt = np.linalg.svd(np.column_stack([H[:, 0], H[:, 1], np.cross(H[:, 0], H[:, 1])]))
+    return [(U @ Vt, H[:, 2])] if np.linalg.det(U @ Vt) > 0 else []
+
+
 def _solve_points(
     lens: _Lens, pixels: FloatArray, places: FloatArray, miss: Callable[[FloatArray], FloatArray]
 ) -> FloatArray:
@@ -587,17 +603,18 @@ def _solve_points(
     return np.asarray(fit.x)
 
 
-def _is_vague(fit: Any) -> bool:
-    """Whether the focal length could as well be quite another."""
+def _is_vague(fit: Any, together: float = 1.0) -> bool:
+    """Whether the focal length could as well be quite another; `together` is how many points miss as one."""
     J = np.asarray(fit.jac)
     spare = max(len(J) - J.shape[1], 0)
     sigma = np.sqrt(2 * fit.cost / spare) if spare > 8 else max(_PIXEL, np.sqrt(2 * fit.cost / max(spare, 1)))
-    deviation = sigma * np.sqrt(np.abs(np.diag(np.linalg.pinv(J.T @ J)))[6])
+    _, s, Vt = np.linalg.svd(J, full_matrices=False)
+    deviation = sigma * np.linalg.norm(Vt[:, 6] / np.maximum(s, 1e-9 * s[0])) * np.sqrt(together)
     return bool(deviation > _VAGUE) or not -1.6 < fit.x[6] < 2.3
 
 
 def _line_fit(lens: _Lens, points: LinePoints, x: FloatArray, rows: Any = slice(None), most: int = 30) -> Any:
-    p, uv, normal = np.pad(points.p_field[rows], ((0, 0), (0, 1))), points.uv[rows], points.normal[rows]
+    p, uv, normal = points.p_field[rows], points.uv[rows], points.normal[rows]
 
     def miss(x: FloatArray) -> FloatArray:
         away = ((uv - lens.project(x, p)) * normal).sum(axis=-1)
@@ -608,7 +625,7 @@ def _line_fit(lens: _Lens, points: LinePoints, x: FloatArray, rows: Any = slice(
 
 def _across(lens: _Lens, x: FloatArray, points: LinePoints) -> FloatArray:
     """How far points are from their lines, across them [px]."""
-    away = points.uv - lens.project(x, np.pad(points.p_field, ((0, 0), (0, 1))))
+    away = points.uv - lens.project(x, points.p_field)
     return np.asarray((away * points.normal).sum(axis=-1))
 
 
@@ -622,8 +639,7 @@ def _follow(
             if len(points.uv) < 20 or len(np.unique(points.line)) < 2:
                 return x, points
             new = np.asarray(_line_fit(lens, points, x).x)
-            p = np.pad(points.p_field, ((0, 0), (0, 1)))
-            moved = np.abs(lens.project(new, p) - lens.project(x, p))
+            moved = np.abs(lens.project(new, points.p_field) - lens.project(x, points.p_field))
             x = new
             if not np.nanmax(moved) > 0.02 * search:
                 break
@@ -787,7 +803,7 @@ def _rectangle(extent: tuple[float, float], places: FloatArray, size: tuple[floa
 def _dense(corners: FloatArray, pieces: int = 24) -> FloatArray:
     """A polyline in short pieces, so that distortion shows."""
     t = np.arange(pieces)[:, None] / pieces
-    parts = [a + t * (b - a) for a, b in zip(corners[:-1], corners[1:], strict=True)]
+    parts = [a + t * (b - a) for a, b in pairwise(corners)]
     return np.concatenate([*parts, corners[-1:]])
 
 

@@ -5,7 +5,7 @@ The origin is the middle of the field, x along its length, y to the left of x, z
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +13,11 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from pieper.errors import VisionError, unknown_name
-from pieper.perception.yaml_file import read_yaml
+from pieper.perception.yaml_file import Section, read_yaml
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from pieper.perception.field_view import FieldView
@@ -29,11 +31,12 @@ _EPSILON = 1e-4  # m, to either side of a line, for its direction in the image
 
 @dataclass(frozen=True, eq=False)
 class FieldLine:
-    """A line that is painted on the field: points ``(n, 2)`` along its middle and its width [m]."""
+    """A line that is painted on the field, or on a wall around it: points ``(n, 2)`` along its middle, its width, and its height [m]."""
 
     name: str
     points: FloatArray
     width: float
+    height: float = 0.0
 
     def along(self, spacing: float) -> tuple[FloatArray, FloatArray]:
         """Return points about `spacing` apart [m] and the unit normals there, ``(m, 2)`` each; its ends, where others cross, are left out."""
@@ -87,7 +90,8 @@ def lines(name: str | Path) -> FieldLines:
     ----------
     name : str or Path
         ``vsss`` (1.5 x 1.3 m), ``ssl-a`` (12 x 9 m), ``ssl-b`` (9 x 6 m), or a ``.yaml`` file with ``length``, ``width``, ``line_width``, and lists
-        ``lines`` of ``name, from, to`` and ``circles`` of ``name, centre, radius`` (and ``begin, end``, angles [rad], for an arc).
+        ``lines`` of ``name, from, to`` and ``circles`` of ``name, centre, radius`` (and ``begin, end``, angles [rad], for an arc); each may have a
+        ``height`` above the floor, as the top of a wall has, and a ``line_width`` of its own.
 
     Raises
     ------
@@ -96,7 +100,7 @@ def lines(name: str | Path) -> FieldLines:
     UnknownNameError
         No such field.
     """
-    known = {
+    known: dict[str, Callable[[], FieldLines]] = {
         "vsss": _vsss,
         "ssl-a": lambda: _ssl("ssl-a", 12.0, 9.0, 1.8, 3.6),
         "ssl-b": lambda: _ssl("ssl-b", 9.0, 6.0, 1.0, 2.0),
@@ -113,7 +117,7 @@ def _segment(name: str, a: Any, b: Any, width: float) -> FieldLine:
 
 
 def _arc(name: str, centre: Any, radius: float, width: float, begin: float = 0.0, end: float = 2 * np.pi) -> FieldLine:
-    angle = np.linspace(begin, end, max(int(abs(end - begin) / np.radians(3)), 8) + 1)
+    angle = np.linspace(begin, end, max(round(abs(end - begin) / np.radians(3)), 8) + 1)
     # The chords are as far outside the circle in the middle of the arc as they are inside at its ends.
     r = radius * 2 / (1 + np.cos((angle[1] - angle[0]) / 2))
     return FieldLine(name, np.asarray(centre) + r * np.stack([np.cos(angle), np.sin(angle)], axis=-1), width)
@@ -162,6 +166,11 @@ def _ssl(name: str, length: float, width: float, depth: float, across: float) ->
     return FieldLines(name, length, width, tuple(found))
 
 
+def _painted(row: Section, line: FieldLine) -> FieldLine:
+    height = row.number("height", 0.0, least=0.0, most=10.0)
+    return replace(line, width=row.number("line_width", line.width, least=1e-4, most=1.0), height=height)
+
+
 def _from_file(path: Path) -> FieldLines:
     top = read_yaml(path)
     top.only("length", "width", "line_width", "lines", "circles")
@@ -169,26 +178,18 @@ def _from_file(path: Path) -> FieldLines:
     w = top.number("line_width", least=1e-4, most=1.0)
     found = []
     for i, row in enumerate(top.sections("lines", [])):
-        row.only("name", "from", "to")
+        row.only("name", "from", "to", "height", "line_width")
         a, b = row.array("from", (2,)), row.array("to", (2,))
         if np.hypot(*(b - a)) < w:
             raise row.error("to", "is where the line begins; a line has a length")
-        found.append(_segment(row.text("name", f"line {i + 1}"), a, b, w))
+        found.append(_painted(row, _segment(row.text("name", f"line {i + 1}"), a, b, w)))
     for i, row in enumerate(top.sections("circles", [])):
-        row.only("name", "centre", "radius", "begin", "end")
+        row.only("name", "centre", "radius", "begin", "end", "height", "line_width")
         begin, end = row.number("begin", 0.0), row.number("end", 2 * np.pi)
         if not 0 < end - begin <= 2 * np.pi + 1e-9:
             raise row.error("end", "must be after the beginning, by a full turn (6.2832) at most")
-        found.append(
-            _arc(
-                row.text("name", f"circle {i + 1}"),
-                row.array("centre", (2,)),
-                row.number("radius", least=w),
-                w,
-                begin,
-                end,
-            )
-        )
+        centre, radius = row.array("centre", (2,)), row.number("radius", least=w)
+        found.append(_painted(row, _arc(row.text("name", f"circle {i + 1}"), centre, radius, w, begin, end)))
     if len(found) < 2:
         raise top.error("lines", "a field needs two lines or circles at least")
     return FieldLines(path.stem, length, width, tuple(found))
@@ -202,8 +203,8 @@ class LinePoints:
     ----------
     line : (n,) int array
         Rows of `FieldLines.lines`.
-    p_field : (n, 2) array
-        Where on the field the search began [m].
+    p_field : (n, 3) array
+        Where on the line the search began [m].
     normal : (n, 2) array
         Unit normals in the image.
     uv : (n, 2) array
@@ -256,10 +257,12 @@ def find_lines(gray: FloatArray, model: FieldLines, view: FieldView, search: flo
         index.append(np.full(len(p), i))
         points.append(p)
         normals.append(n)
-        widths.append(np.full(len(p), line.width))
-    which, p, n, w = (np.concatenate(part) for part in (index, points, normals, widths))
-    uv = view.to_image(p)
-    across = (view.to_image(p + _EPSILON * n) - view.to_image(p - _EPSILON * n)) / (2 * _EPSILON)
+        widths.append(np.full((len(p), 2), (line.width, line.height)))
+    which, p, n, w_h = (np.concatenate(part) for part in (index, points, normals, widths))
+    w, h = w_h.T
+    uv = view.to_image(p, height=h)
+    across = (view.to_image(p + _EPSILON * n, height=h) - view.to_image(p - _EPSILON * n, height=h)) / (2 * _EPSILON)
+    p = np.concatenate([p, h[:, None]], axis=1)
     size = np.hypot(*across.T)
     inside = np.isfinite(uv).all(axis=-1) & np.isfinite(size) & (size > 0)
     inside &= (uv > 3).all(axis=-1) & (uv < (width - 4, height - 4)).all(axis=-1)

@@ -7,15 +7,21 @@ ratios are taken within the round; what is told is the median.
 from __future__ import annotations
 
 import statistics
+import tempfile
 import time
 from collections import defaultdict
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pieper.perception.board import Board
+from pieper.perception.calibration import calibrate_camera, find_views
 from pieper.perception.color_learning import learn
 from pieper.perception.evaluate import VISIBLE, evaluate, tracked
+from pieper.perception.field import from_lines
+from pieper.perception.field_lines import lines
 from pieper.perception.frame import Frame
 from pieper.perception.metrics import REACH, spread
 from pieper.perception.opencv import opencv
@@ -28,10 +34,12 @@ from pieper.perception.segment import segment
 from pieper.perception.sighting import Sighting
 from pieper.perception.synthetic import Renderer
 from pieper.perception.track import Tracker, TrackerParameters
+from pieper.spatial import rotation
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from pieper.perception.camera import Camera
     from pieper.perception.color import ColorModel
     from pieper.perception.color_table import ColorTable
     from pieper.perception.evaluate import Evaluation
@@ -39,10 +47,13 @@ if TYPE_CHECKING:
     from pieper.perception.output import TrackFile
     from pieper.perception.scene import Scene
     from pieper.perception.truth import TrueObject, Truth
+    from pieper.spatial._checks import FloatArray
 
 VGA, FULL_HD = (640, 480), (1920, 1080)
 _NEAR = 5.0  # px, within which a circle of the report's is of a marker
 _MISSES, _CLUTTER = 0.2, 0.05
+_SIDES = 4  # rays through a pixel, each way
+_SOFT = 1.0  # px; what a lens makes of an edge
 
 
 @dataclass(frozen=True)
@@ -110,6 +121,7 @@ def measure(*, quick: bool = False, begin: Callable[[str], object] = lambda _: N
         ("light and colour cast", _light),
         ("full occlusion", _occlusion),
         ("ten robots crossing", _crossing),
+        ("calibration", _calibration),
     ):
         begin(title)
         marks += rows(quick)
@@ -524,3 +536,90 @@ def _consistency(marks: Sequence[Mark]) -> list[Mark]:
             "consistency: NEES of headings inside the 95 % band", "share", turned, 0.9, at_least=True, details=details
         ),
     ]
+
+
+# --------------------------------------------------------------------------------------------------------------------
+# calibration
+
+
+def _calibration(quick: bool) -> list[Mark]:
+    """A lens from pictures of a ChArUco board, and the field from its lines with that lens: both against the camera that made them."""
+    true = preset("lens")
+    lens = true.view.camera
+    board = Board.parse("charuco:9x6:0.04:0.03")
+    with tempfile.TemporaryDirectory() as folder:
+        eye = BoardCamera(lens, board)
+        for k, pose in enumerate(_poses(board, 8 if quick else 16)):
+            _, data = opencv("writing a picture").imencode(".png", eye.picture(pose, seed=k))
+            Path(folder, f"{k:02d}.png").write_bytes(data.tobytes())
+        found = calibrate_camera(find_views([Path(folder)], board), board)
+    still = true.but(things=(), noise=3.0)
+    image = Renderer(still)[0][0].image
+    field_found = from_lines(image, lines("vsss"), camera=found.camera)
+    half = np.array([true.pitch.length, true.pitch.width]) / 2
+    grid = np.stack(np.meshgrid(*(np.linspace(-h, h, 15) for h in half)), axis=-1).reshape(-1, 2)
+    away = field_found.view.to_field(true.view.to_image(grid)) - grid
+    if np.hypot(*away.T).mean() > half.min():  # the lines look the same turned round
+        away = -field_found.view.to_field(true.view.to_image(grid)) - grid
+    error = spread(away)
+    pixels = np.stack(np.meshgrid(np.linspace(0, 639, 17), np.linspace(0, 479, 13)), axis=-1).reshape(-1, 2)
+    rays, found_rays = lens.directions(pixels)[:, :2], found.camera.directions(pixels)[:, :2]
+    lens_error = spread((found_rays - rays) * lens.matrix[0, 0])
+    details = {
+        "views": len(found.views),
+        "pixels_against_the_true_lens": asdict(lens_error),
+        "field_mm": 1e3 * error.largest,
+    }
+    return [
+        Mark("calibration of the lens, synthetic boards", "px RMS", found.rms, 0.1, details=details),
+        Mark(
+            "calibration of the field, by its lines", "mm RMS", 1e3 * error.rms, 2.0, details={"largest": error.largest}
+        ),
+    ]
+
+
+def _poses(board: Board, count: int) -> Iterator[FloatArray]:
+    """Poses of a board before the camera, near and far, to all sides, tilted by up to half a right angle."""
+    middle = np.array([*(np.array(board.squares) * board.square / 2), 0.0])
+    random = np.random.default_rng(11)
+    for k in range(count):
+        T = np.eye(4)
+        tilt = random.uniform(0.15, 0.7) * np.array([np.cos(2.4 * k), np.sin(2.4 * k), 0.0])
+        T[:3, :3] = rotation.from_rotation_vector(tilt)
+        distance = random.uniform(0.45, 0.8)
+        aside = np.array([np.cos(2.4 * k + 1), 0.7 * np.sin(2.4 * k + 1)]) * distance * 0.22
+        T[:3, 3] = np.array([*aside, distance]) - T[:3, :3] @ middle
+        yield T
+
+
+class BoardCamera:
+    """Takes pictures of a printed board through a lens: each pixel is the mean of sixteen rays, softened by the lens by a pixel.
+
+    Parameters
+    ----------
+    camera : Camera
+    board : Board
+    """
+
+    def __init__(self, camera: Camera, board: Board) -> None:
+        width, height = camera.size
+        self._rays = camera.directions(
+            np.stack(np.meshgrid(np.arange(width + 1), np.arange(height + 1)), axis=-1) - 0.5
+        )
+        self._board = board
+
+    def picture(self, T_camera_board: FloatArray, *, noise: float = 2.0, seed: int = 0) -> Image:
+        """Return what the camera sees of the board at a pose."""
+        T = np.linalg.inv(T_camera_board)
+        along = self._rays @ T[:3, :3].T  # through the corners of the pixels
+        four = along[:-1, :-1], along[:-1, 1:], along[1:, :-1], along[1:, 1:]
+        white = np.zeros(along.shape[:2])[1:, 1:]
+        for i in range(_SIDES):
+            for j in range(_SIDES):  # no two in one row or column, so that no edge meets four at once
+                s, t = (i + (j + 0.5) / _SIDES) / _SIDES, (j + (i + 0.5) / _SIDES) / _SIDES
+                ray = (1 - s) * (1 - t) * four[0] + s * (1 - t) * four[1] + (1 - s) * t * four[2] + s * t * four[3]
+                white += self._board.is_white(T[:2, 3] - ray[..., :2] * (T[2, 3] / ray[..., 2])[..., None])
+        gray = opencv("drawing a board").GaussianBlur(30 + 190 * white / _SIDES**2, (0, 0), _SOFT)
+        gray += np.random.default_rng(seed).normal(0, noise, gray.shape)
+        image: Image = np.repeat(np.clip(np.rint(gray), 0, 255).astype(np.uint8)[..., None], 3, axis=2)
+        return image
