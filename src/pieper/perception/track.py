@@ -38,7 +38,7 @@ _UNKNOWN_HEADING = np.pi**2 / 3.0  # variance of an angle of which nothing is kn
 _PIXELS_PER_METRE = 400.0  # of a camera over a small field; for the defaults in pixels alone
 _PLANE = [0, 1, 3, 4]  # rows of the state of what has no heading
 _JOLT = 1e-3  # probability of an innovation that is put down to a jolt
-_HITS = 3  # sights of what is believed
+_HITS = 3  # sights of what is believed; one fewer if it has a name
 _ESTABLISHED = 0.25  # s
 _ROUNDING = 1e-9  # s; time stamps are sums of frame times
 
@@ -89,7 +89,7 @@ class TrackerParameters:
         Share of true sightings that may fall outside the gate: a sighting belongs to a track only if its squared Mahalanobis distance is
         below the value that chi-squared exceeds with this probability.
     confirm : float
-        Age [s] at which a track is believed and reported, if it was seen in three frames at least, and in half of all; 0: at once.
+        Age [s] at which a track is believed and reported, if it was seen in three frames, two if it has a name, and in half of all; 0: at once.
     forget : float
         Seconds unseen, and at least two frames, after which a track that is not yet believed is dropped.
     end : float
@@ -105,7 +105,7 @@ class TrackerParameters:
     ball: Motion
     marker: Motion
     gate: float = 1e-5
-    confirm: float = 0.05
+    confirm: float = 0.03
     forget: float = 0.1
     end: float = 1.0
     floor: float = 0.0
@@ -479,11 +479,11 @@ class Tracker:
         self._keep(keep)
 
     def _is_sure(self, track: _Track, time: float) -> bool:
-        """Whether a new track is old enough, and was seen thrice, now, and in half of its frames."""
+        """Whether a new track is old enough, and was seen often enough, now, and in half of its frames."""
         if self.parameters.confirm == 0.0:
             return True
         old = time - track.born >= self.parameters.confirm - _ROUNDING
-        return old and track.sighting >= 0 and track.hits >= _HITS and 2 * track.hits >= track.frames
+        return old and track.sighting >= 0 and track.hits >= _HITS - track.unique and 2 * track.hits >= track.frames
 
     def _patience(self, track: _Track) -> float:
         """How long a track lasts unseen."""
