@@ -42,7 +42,7 @@ shows the scenes:
 
 ![Scenes that are drawn](../images/perception_scenes.jpg)
 
-*{names}. What can be seen of them in the middle of each scene.*
+*{names}. A frame from the middle of each.*
 
 The folder holds `video.mp4`, `truth.jsonl` (a line for each frame: position, heading, velocity and visible share of everything, and the image of
 each marker), `camera.yaml`, `field.yaml`, `patterns.yaml`, and `regions.yaml`, boxes that show the colours. Ctrl-C leaves whole files. In Python,
@@ -173,7 +173,7 @@ def pictures() -> str:
     tiles = []
     for name in names:
         scene = preset(name)
-        image = Renderer(scene)[len(scene) * 2 // 5][0].image
+        image = Renderer(scene)[182 if name == "crossing" else len(scene) * 2 // 5][0].image
         tiles.append(cv2.resize(image, (400, 300), interpolation=cv2.INTER_AREA))
     sheet = np.vstack([np.hstack(tiles[k : k + 3]) for k in range(0, len(tiles), 3)])
     save = [cv2.IMWRITE_JPEG_QUALITY, 82]

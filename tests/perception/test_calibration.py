@@ -199,7 +199,7 @@ def test_views_that_contradict_each_other_are_refused():
         v if i % 2 else BoardView(v.name, v.ids, v.uv + rng.normal(0, 4 + i, v.uv.shape))
         for i, v in enumerate(exact_views(9))
     ]
-    with pytest.raises(VisionError, match="contradict each other|no lens"):
+    with pytest.raises(VisionError, match=r"contradict each other|no lens"):
         calibrate_camera(BoardViews(tuple(views), TRUE.size, 9), CHARUCO, coefficients=5)
 
 

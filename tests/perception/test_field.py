@@ -59,17 +59,20 @@ def test_corners_to_half_a_pixel_are_within_the_pass_mark():
 
 
 def test_the_report_tells_the_residual_in_millimetres():
-    uv = VIEW.to_image(CORNERS)
+    places = np.concatenate([CORNERS, CORNERS * 0.6])
+    uv = VIEW.to_image(places)
     uv[2] += (4.0, 0.0)
-    result = field.from_points(uv, CORNERS, camera=TRUE, names=["a", "b", "c", "d"])
-    expected = np.hypot(*(result.view.to_field(uv) - CORNERS).T)
+    result = field.from_points(uv, places, camera=TRUE, names=list("abcdefgh"))
+    expected = np.hypot(*(result.view.to_field(uv) - places).T)
     np.testing.assert_allclose(result.error, expected)
     assert result.rms == pytest.approx(np.sqrt((expected**2).mean()))
     assert result.worst == pytest.approx(expected.max())
-    # Without the bad corner the other three are exact, and it stands out by 4 px.
+    # Without the bad corner the others are exact, and it stands out by 4 px.
     assert max(result.left_out_error, key=result.left_out_error.get) == "c"
     scale = np.abs(VIEW.jacobian(uv[2]) @ (4.0, 0.0))
     assert result.left_out_error["c"] == pytest.approx(np.hypot(*scale), rel=0.05)
+    four = field.from_points(uv[:4], CORNERS, camera=TRUE)
+    assert four.left_out_error == {}  # three points have a pose of their own, which says nothing of the fourth
     assert f"RMS {result.rms * 1e3:.2f} mm, worst {result.worst * 1e3:.2f} mm" in result.report()
 
 
@@ -155,7 +158,7 @@ def test_lines_find_a_lens_that_is_not_known(rays):
 def test_a_picture_without_a_field_leaves_a_doubt(rays):
     noise = np.random.default_rng(0).integers(0, 60, (480, 640)).astype(np.uint8)
     cv2.rectangle(noise, (60, 60), (580, 420), 255, 3)  # something large and light
-    with pytest.raises(VisionError, match="leave a doubt|nothing in the image looks like a field"):
+    with pytest.raises(VisionError, match=r"leave a doubt|nothing in the image looks like a field"):
         field.from_lines(noise, field_lines.lines("ssl-b"), camera=TRUE)
     start = FieldView(TRUE, overhead(1.9))
     with pytest.raises(VisionError, match="of the lines of vsss were seen near the corners that were given"):
@@ -292,23 +295,21 @@ def test_points_that_are_malformed():
         field.from_points(uv, CORNERS)
     with pytest.raises(VisionError, match="radial distortion needs six points or more, got 4"):
         field.from_points(uv, CORNERS, image_size=(640, 480), radial=1)
+    strong = Camera(TRUE.matrix, [-0.9, 0, 0, 0], (640, 480))
     with pytest.raises(VisionError, match="beyond the reach of the lens"):
-        strong = Camera(TRUE.matrix, [-0.9, 0, 0, 0], (640, 480))
         field.from_points([[0, 0], [639, 0], [639, 479], [0, 479]], CORNERS, camera=strong)
+    mixed = np.random.default_rng(0).permutation(GRID[::3])  # beside the corners, which fit
+    pixels = VIEW.to_image(np.concatenate([*[CORNERS] * 20, GRID[::3]]))
     with pytest.raises(VisionError, match="do not fit any view of the field"):
-        p = np.random.default_rng(0).permutation(GRID[::20])
-        field.from_points(
-            VIEW.to_image(np.concatenate([CORNERS, GRID[::20]])), np.concatenate([CORNERS, p]), camera=TRUE
-        )
+        field.from_points(pixels, np.concatenate([*[CORNERS] * 20, mixed]), camera=TRUE)
 
 
 def test_the_picture_shows_the_field_and_the_misses(picture):
-    result = field.from_points(
-        VIEW.to_image(CORNERS) + [[3, 0], [0, 3], [-3, 0], [0, -3]], CORNERS, camera=TRUE, size=(1.5, 1.3)
-    )
+    uv = VIEW.to_image(CORNERS) + np.array([[3, 0], [0, 3], [-3, 0], [0, -3]])
+    result = field.from_points(uv, CORNERS, camera=TRUE, size=(1.5, 1.3))
     drawn = result.picture(np.repeat(picture[..., None], 3, axis=-1))
     assert drawn.shape[1:] == (640, 3)
     head = drawn.shape[0] - 480
     u, v = np.rint(result.view.to_image([0.0, 0.65])).astype(int)
     around = drawn[head + v - 2 : head + v + 3, u - 2 : u + 3]
-    assert (around == (80, 200, 255)).all(axis=-1).any()  # the upper border is where it should be
+    assert np.abs(around.astype(int) - (80, 200, 255)).max(axis=-1).min() < 60  # the upper border is where it should be

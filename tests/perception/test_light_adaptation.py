@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -183,6 +184,14 @@ def test_clocks_that_jump_or_go_back_are_survived(model):
         adaptation.update(Frame(frame(light=0.8, seed=k), k, time), markers())
         check_bounds(adaptation)
     assert adaptation.light > 0.75
+
+
+def test_ragged_patches_tell_nothing(model):
+    adaptation = LightAdaptation(model)
+    ragged = replace(markers(), circularity=np.full(6, 0.4))
+    for k in range(10):
+        adaptation.update(Frame(frame(light=0.7), k, k / RATE), ragged)
+    assert adaptation.light == 1.0
 
 
 def test_blobs_at_the_border_and_names_it_does_not_know_are_passed_over(model):

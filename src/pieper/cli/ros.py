@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pieper.ros.nodes import Entry
 
 _TOPIC = "topic:"
-_TAKES = {"nothing": "", "video": " VIDEO --colors FILE"}
+_TAKES = {"nothing": "", "video": " VIDEO"}
 
 Words = Annotated[
     list[str] | None,

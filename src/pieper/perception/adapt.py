@@ -34,6 +34,7 @@ _STEP = 0.02  # of a logarithm; the table is made anew when a colour moved furth
 _KEPT = 1000  # changes in the history
 _PRIOR_CAST, _PRIOR_SHIFT = 0.1, 0.05  # standard deviations of what one frame is thought to show
 _CORE = 0.6  # of a blob's radius: its rim is mixed with what is beside it
+_ROUND = 0.6  # circularity below which a blob is the edge of something, or several things; a box of 2 to 1 has 0.76
 _CLIPPED = 250  # grey level from which a channel may have been more
 _MOST_STEP = 0.3  # of a logarithm that one frame may ask for
 
@@ -190,7 +191,8 @@ class LightAdaptation:
         found: dict[int, list[FloatArray]] = {}
         for i in range(len(blobs)):
             name = blobs.names[int(blobs.color[i])]
-            if name not in self._learned.names or not np.isfinite(blobs.centroid[i]).all():
+            good = blobs.circularity[i] >= _ROUND and np.isfinite(blobs.centroid[i]).all()
+            if name not in self._learned.names or not good:
                 continue
             k = self._learned.names.index(name)
             (u, v), r = blobs.centroid[i], max(_CORE * float(blobs.radius[i]) / np.sqrt(2), 0.5)

@@ -366,20 +366,22 @@ def _without_odd(found: BoardViews, board: Board, number: int) -> tuple[list[Boa
 
 def _five_or_eight(found: BoardViews, board: Board) -> tuple[int, str]:
     """The larger model where fewer views contradict it, or where it foretells views that were not fitted better."""
-    solved = {}
-    for number in (5, 8):
-        try:
-            solved[number] = _without_odd(found, board, number)
-        except VisionError:
-            if number == 8:
-                return 5, "5, the default: the views contradict a lens with 8"
-    if 5 not in solved or len(solved[8][1]) < len(solved[5][1]):
+    five, eight = _agreeing(found, board, 5), _agreeing(found, board, 8)
+    if eight is None:
+        return 5, "5, the default: the views contradict a lens with 8"
+    if five is None or len(eight) > len(five):
         return 8, "8: views that contradict a lens with 5 agree with one with 8"
-    views = solved[5][0]
-    ratio = _held_out(views, board, found.size, 8) / max(_held_out(views, board, found.size, 5), 1e-9)
+    ratio = _held_out(five, board, found.size, 8) / max(_held_out(five, board, found.size, 5), 1e-9)
     if ratio < _WORTH:
         return 8, f"8: the error in views that were not fitted is {ratio:.2f} of that with 5"
     return 5, "5, the default: 8 do no better in views that were not fitted"
+
+
+def _agreeing(found: BoardViews, board: Board, number: int) -> list[BoardView] | None:
+    try:
+        return _without_odd(found, board, number)[0]
+    except VisionError:
+        return None
 
 
 def _by_reach(found: BoardViews) -> tuple[int, str]:

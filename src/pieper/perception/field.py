@@ -224,7 +224,7 @@ def from_points(
     left_out: dict[str, float] = {}
     for name in dict.fromkeys(labels):
         rows = np.array([label != name for label in labels])
-        if 2 * rows.sum() < len(x) or _flatness(places[rows, :2]) < _FLAT:
+        if 2 * rows.sum() <= len(x) or _flatness(places[rows, :2]) < _FLAT:
             left_out = {}
             break
         fit = least_squares(lambda x, rows=rows: miss(x, rows), x, x_scale="jac", method="trf")
@@ -528,9 +528,14 @@ class _Lens:
         _, rotations, shifts, _ = cv2.solvePnPGeneric(
             flat, np.ascontiguousarray(rays), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
         )
-        for r, t in zip(rotations, shifts, strict=True):
-            R = cv2.Rodrigues(r)[0]
-            t = np.ravel(t) - R[:, 2] * level
+        poses = [(cv2.Rodrigues(r)[0], np.ravel(t)) for r, t in zip(rotations, shifts, strict=True)]
+        for R, t in [
+            *poses,
+            *_of_homography(cv2, places, rays),
+        ]:  # the former fail where the axis is square to the field
+            if not np.isfinite(R).all() or not np.isfinite(t).all():
+                continue
+            t = t - R[:, 2] * level
             p = places @ R.T + t
             eye = -R.T @ t
             if (p[:, 2] <= 0).any() or eye[2] <= 0:
@@ -571,6 +576,16 @@ class _Lens:
         return tuple(words)
 
 
+def _of_homography(cv2: Any, places: FloatArray, rays: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+    """Pose from ``H = (r1 r2 t)`` up to scale, with the nearest rotation."""
+    H, _ = cv2.findHomography(places[:, :2], rays)
+    if H is None:
+        return []
+    H = H * np.sign(H[2, 2]) / np.sqrt(np.linalg.norm(H[:, 0]) * np.linalg.norm(H[:, 1]))
+    U, _, Vt = np.linalg.svd(np.column_stack([H[:, 0], H[:, 1], np.cross(H[:, 0], H[:, 1])]))
+    return [(U @ Vt, H[:, 2])] if np.linalg.det(U @ Vt) > 0 else []
+
+
 def _solve_points(
     lens: _Lens, pixels: FloatArray, places: FloatArray, miss: Callable[[FloatArray], FloatArray]
 ) -> FloatArray:
@@ -593,7 +608,8 @@ def _is_vague(fit: Any, together: float = 1.0) -> bool:
     J = np.asarray(fit.jac)
     spare = max(len(J) - J.shape[1], 0)
     sigma = np.sqrt(2 * fit.cost / spare) if spare > 8 else max(_PIXEL, np.sqrt(2 * fit.cost / max(spare, 1)))
-    deviation = sigma * np.sqrt(np.abs(np.diag(np.linalg.pinv(J.T @ J)))[6] * together)
+    _, s, Vt = np.linalg.svd(J, full_matrices=False)
+    deviation = sigma * np.linalg.norm(Vt[:, 6] / np.maximum(s, 1e-9 * s[0])) * np.sqrt(together)
     return bool(deviation > _VAGUE) or not -1.6 < fit.x[6] < 2.3
 
 

@@ -117,7 +117,7 @@ def _segment(name: str, a: Any, b: Any, width: float) -> FieldLine:
 
 
 def _arc(name: str, centre: Any, radius: float, width: float, begin: float = 0.0, end: float = 2 * np.pi) -> FieldLine:
-    angle = np.linspace(begin, end, max(int(abs(end - begin) / np.radians(3)), 8) + 1)
+    angle = np.linspace(begin, end, max(round(abs(end - begin) / np.radians(3)), 8) + 1)
     # The chords are as far outside the circle in the middle of the arc as they are inside at its ends.
     r = radius * 2 / (1 + np.cos((angle[1] - angle[0]) / 2))
     return FieldLine(name, np.asarray(centre) + r * np.stack([np.cos(angle), np.sin(angle)], axis=-1), width)

@@ -52,7 +52,8 @@ if TYPE_CHECKING:
 VGA, FULL_HD = (640, 480), (1920, 1080)
 _NEAR = 5.0  # px, within which a circle of the report's is of a marker
 _MISSES, _CLUTTER = 0.2, 0.05
-_SIDES, _DPI = 4, 150
+_SIDES = 4  # rays through a pixel, each way
+_SOFT = 1.0  # px; what a lens makes of an edge
 
 
 @dataclass(frozen=True)
@@ -592,7 +593,7 @@ def _poses(board: Board, count: int) -> Iterator[FloatArray]:
 
 
 class BoardCamera:
-    """Takes pictures of a printed board through a lens: each pixel is the mean of sixteen rays.
+    """Takes pictures of a printed board through a lens: each pixel is the mean of sixteen rays, softened by the lens by a pixel.
 
     Parameters
     ----------
@@ -602,26 +603,23 @@ class BoardCamera:
 
     def __init__(self, camera: Camera, board: Board) -> None:
         width, height = camera.size
-        corners = camera.directions(np.stack(np.meshgrid(np.arange(width + 1), np.arange(height + 1)), axis=-1) - 0.5)
-        s = (np.arange(_SIDES) + 0.5) / _SIDES
-        rows = corners[:-1, None] + s[:, None, None] * (corners[1:, None] - corners[:-1, None])  # linear within a pixel
-        rows = rows.reshape(height * _SIDES, width + 1, 3)
-        rays = rows[:, :-1, None] + s[:, None] * (rows[:, 1:, None] - rows[:, :-1, None])
-        self._rays = rays.reshape(height * _SIDES, width * _SIDES, 3)
-        self._size = camera.size
-        self._paper, self._dot, self._margin = board.draw(_DPI), 0.0254 / _DPI, board.square
+        self._rays = camera.directions(
+            np.stack(np.meshgrid(np.arange(width + 1), np.arange(height + 1)), axis=-1) - 0.5
+        )
+        self._board = board
 
     def picture(self, T_camera_board: FloatArray, *, noise: float = 2.0, seed: int = 0) -> Image:
         """Return what the camera sees of the board at a pose."""
-        cv2 = opencv("drawing a board")
-        width, height = self._size
         T = np.linalg.inv(T_camera_board)
-        along = self._rays @ T[:3, :3].T
-        p = T[:2, 3] + along[..., :2] * (-T[2, 3] / along[..., 2])[..., None]
-        at = ((p + self._margin) / self._dot - 0.5).astype(np.float32)
-        border = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": 150}
-        fine = cv2.remap(self._paper, at[..., 0], at[..., 1], cv2.INTER_LINEAR, **border)
-        gray = fine.reshape(height, _SIDES, width, _SIDES).mean(axis=(1, 3)) * 0.8 + 20
+        along = self._rays @ T[:3, :3].T  # through the corners of the pixels
+        four = along[:-1, :-1], along[:-1, 1:], along[1:, :-1], along[1:, 1:]
+        white = np.zeros(along.shape[:2])[1:, 1:]
+        for i in range(_SIDES):
+            for j in range(_SIDES):  # no two in one row or column, so that no edge meets four at once
+                s, t = (i + (j + 0.5) / _SIDES) / _SIDES, (j + (i + 0.5) / _SIDES) / _SIDES
+                ray = (1 - s) * (1 - t) * four[0] + s * (1 - t) * four[1] + (1 - s) * t * four[2] + s * t * four[3]
+                white += self._board.is_white(T[:2, 3] - ray[..., :2] * (T[2, 3] / ray[..., 2])[..., None])
+        gray = opencv("drawing a board").GaussianBlur(30 + 190 * white / _SIDES**2, (0, 0), _SOFT)
         gray += np.random.default_rng(seed).normal(0, noise, gray.shape)
         image: Image = np.repeat(np.clip(np.rint(gray), 0, 255).astype(np.uint8)[..., None], 3, axis=2)
         return image

@@ -50,6 +50,7 @@ _BALL_ROUND = 0.6  # circularity of a ball that is partly hidden
 _BALL_AREA = (0.25, 3.0)  # of what a ball of its size would cover
 _AREA_NOISE = 0.03  # of the share of its usual area that a marker has, to begin with; learnt as the area is
 _SIZES = (0.5, 1.7)  # radius of a blob over that of its marker
+_COMPACT = 0.4  # least circularity of a marker: a bar of 2 to 1 has 0.76, of 5 to 1 0.37; lines of a field have less
 _MISFIT = 1e-3  # probability of a misfit that is put down to what the covariances do not know
 _AREA_PACE = 0.05  # of what is learnt of the area of a marker, from one sight of it
 _CUT = 0.9  # radii by which the centroid of a disc moves that lost a half of its area and more, per share lost over share left
@@ -430,6 +431,7 @@ class PatternFinder:
         self._single = [r for r in patterns.robots if len(r.markers) == 1]
         self._areas = [np.full(len(shape.places), np.nan) for shape in self._shapes]
         self._scatter = [_AREA_NOISE**2 for _ in self._shapes]
+        self._count = {r.name: len(r.markers) for r in patterns.robots}
         self._tables: dict[tuple[str, ...], list[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]]] = {}
 
     def forget(self) -> None:
@@ -460,7 +462,7 @@ class PatternFinder:
         if self.scale is not None:
             robots = self._robots(blobs, levels, used, self.scale, learn=True)
         robots += self._single_robots(blobs, levels, used)
-        return (*_named_once(robots), *self._ball(blobs, levels, used))
+        return (*_named_once(robots, self._count, used), *self._ball(blobs, levels, used))
 
     def _robots(self, blobs: Blobs, levels: _Levels, used: set[int], scale: float, *, learn: bool) -> list[Sighting]:
         chosen: list[tuple[_Candidates, int]] = []
@@ -824,10 +826,11 @@ class _Levels:
 
     def sized(self, shape: _Shape, scale: float) -> NDArray[np.bool_]:
         """Which blobs have about the size of a marker of a shape."""
+        compact = self.blobs.circularity >= _COMPACT
         if shape.radii.min() <= 0:
-            return np.ones(len(self.blobs), dtype=bool)
+            return compact
         radius = self.radii(shape.heights[-1]) / scale
-        return np.asarray((radius > _SIZES[0] * shape.radii.min()) & (radius < _SIZES[1] * shape.radii.max()))
+        return np.asarray(compact & (radius > _SIZES[0] * shape.radii.min()) & (radius < _SIZES[1] * shape.radii.max()))
 
     def radii(self, height: float) -> FloatArray:
         """Radii of discs of the areas of the blobs, in units."""
@@ -870,12 +873,17 @@ def _different(rows: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.sort(np.unique(keys, return_index=True)[1])
 
 
-def _named_once(robots: list[Sighting]) -> list[Sighting]:
-    """The surest of a name keeps it."""
+def _named_once(robots: list[Sighting], count: Mapping[str, int], used: set[int]) -> list[Sighting]:
+    """The surest of a name keeps it; another one stays without if it is complete, and is clutter if it is not."""
     names: set[str] = set()
     out = []
     for robot in robots:
-        out.append(replace(robot, name=None) if robot.name in names else robot)
+        if robot.name not in names:
+            out.append(robot)
+        elif len(robot.blobs) == count[robot.name]:
+            out.append(replace(robot, name=None))
+        else:
+            used.difference_update(robot.blobs)
         if robot.name:
             names.add(robot.name)
     return out
