@@ -23,6 +23,7 @@ from pieper.perception.source import open_source, read_frame
 
 
 def main(folder: Path) -> None:
+    """Do all of it in a folder."""
     # 1. A film of a field, 3 mm to the pixel, and where everything was in each frame.
     scene = preset("clean").but(frames=60)
     scene_folder.write(scene, folder, force=True)

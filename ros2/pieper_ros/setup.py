@@ -6,7 +6,7 @@ from xml.etree import ElementTree as ET
 from setuptools import setup
 
 NAME = "pieper_ros"
-NODES = ("forward", "inverse", "description", "topic_latcher", "controller", "ik_server", "rotations")
+NODES = ("forward", "inverse", "description", "topic_latcher", "controller", "ik_server", "rotations", "tracker")
 
 
 def files_in(folder):

@@ -49,6 +49,6 @@ def disc_colors(folder: Path) -> Path:
         for name, points in places(n).items()
         for x, y in points[:1]
     ]
-    learned = learn(picture, regions, source={"video": "discs.avi"})
+    learned = learn(picture, regions, source={"source": "discs.avi"})
     learned.model.save(folder / "colors.yaml")
     return folder / "colors.yaml"

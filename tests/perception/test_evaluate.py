@@ -178,3 +178,22 @@ def test_a_mark_is_reached_at_its_limit_and_not_by_what_is_unknown():
     assert not pass_marks.Mark("it", "share", 0.98, 0.99, at_least=True).reached
     assert pass_marks.Mark("it", "share", 0.98, 0.99, at_least=True).must == ">= 99.0%"
     assert pass_marks.as_data([pass_marks.Mark("it", "mm", 1.0, 2.0)])[0]["reached"]
+
+
+def test_a_board_is_drawn_where_the_camera_sees_it():
+    """The corners between its squares, found in the picture, against their projection."""
+    import cv2
+
+    from pieper.perception.board import Board
+
+    board = Board.parse("chessboard:7x5:0.04")
+    camera = scenes.preset("lens").view.camera
+    eye = pass_marks.BoardCamera(camera, board)
+    until = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-4)
+    for pose in pass_marks._poses(board, 2):
+        corners = np.column_stack([board.corners, np.zeros(len(board.corners))])
+        pixels = camera.project(corners @ pose[:3, :3].T + pose[:3, 3])
+        gray = np.ascontiguousarray(eye.picture(pose, noise=0.0)[..., 0])
+        start = np.array(pixels[:, None], np.float32, order="C")
+        away = cv2.cornerSubPix(gray, start, (4, 4), (-1, -1), until)[:, 0] - pixels
+        assert np.sqrt(np.mean(away**2)) < 0.05  # what OpenCV's gradients make of edges of one pixel

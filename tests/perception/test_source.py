@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import io
 import os
+import socket
 import threading
 import time
 import warnings
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 
 import cv2
 import numpy as np
@@ -466,6 +468,48 @@ def test_a_stream_that_does_not_answer_is_refused_without_its_password():
         open_source("rtsp://user:secret@127.0.0.1:9/none")
     assert "rtsp://...@127.0.0.1:9/none cannot be opened" in str(error.value)
     assert "secret" not in str(error.value)
+
+
+def test_a_video_of_a_server_has_an_end(clip):
+    class Quiet(SimpleHTTPRequestHandler):
+        def __init__(self, *arguments):
+            super().__init__(*arguments, directory=str(clip.parent))
+
+        def log_message(self, *_):
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Quiet) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        try:
+            frames = frames_of(f"http://127.0.0.1:{server.server_port}/{clip.name}")
+        finally:
+            server.shutdown()
+            thread.join()
+    assert [number_in(f.image) for f in frames] == list(range(COUNT))
+
+
+def test_a_stream_of_the_network_that_ends_is_asked_for_again(tmp_path):
+    plain = numbered_clip(tmp_path / "plain.avi", 20, code="MJPG")
+    ffmpeg("-i", plain, "-c:v", "mpeg2video", "-qscale:v", 2, "-bf", 0, "-f", "mpegts", tmp_path / "sent.ts")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def send():
+            connection, _ = server.accept()
+            with connection:
+                connection.sendall((tmp_path / "sent.ts").read_bytes())
+            server.close()
+
+        thread = threading.Thread(target=send)
+        thread.start()
+        taken = []
+        with open_source(f"tcp://127.0.0.1:{server.getsockname()[1]}", patience=0.3, queue=50) as source:
+            assert (source.info.kind, source.info.live) == ("stream", True)
+            with pytest.warns(PieperWarning, match="gives no images"), pytest.raises(VisionError, match="given up"):
+                take_all(source, taken)
+        thread.join()
+    assert [number_in(f.image) for f in taken][:15] == list(range(15))
+    assert (np.diff([f.time for f in taken]) > 0).all()
 
 
 def test_a_file_name_is_never_an_address(tmp_path):

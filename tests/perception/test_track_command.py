@@ -111,6 +111,31 @@ def test_a_part_of_a_video(run):
     assert [f.index for f in read_tracks("t.csv").frames] == [10, 11, 12, 13, 14]
 
 
+def test_only_a_part_of_the_image_is_looked_at(run):
+    run("--out", "t.csv", "--within", "0,0,200,60")
+    assert {row.name for frame in read_tracks("t.csv").frames for row in frame.rows} == {"Red"}
+
+
+def test_the_method_of_the_report_runs_beside_ours(run, room, tmp_path):
+    code, out, err = run("--method", "report", "--out", "t.csv", "--video", "t.mp4")
+    assert (code, err) == (0, "")
+    assert out.count("Media HSV:") == 3 * 3  # two captures and the model of each of three colours
+    frames = read_tracks("t.csv").frames
+    assert len(frames) == COUNT
+    for frame in frames:
+        (blue,) = [row for row in frame.rows if row.name == "Blue"]
+        assert blue.state == "seen"
+        assert (blue.x, blue.y) == (int(blue.x), int(blue.y))  # cut to whole pixels
+        assert np.hypot(blue.x - places(frame.index)["Blue"][0][0], blue.y - 80.0) < 3.0
+        assert sum(row.name == "Green" for row in frame.rows) == 2
+
+    (tmp_path / "colors.yaml").write_bytes((room / "colors.yaml").read_bytes())
+    (tmp_path / "other.avi").write_bytes((room / "discs.avi").read_bytes())
+    code, _, err = run("--method", "report", "--colors", "colors.yaml", source="other.avi")
+    assert code == 2
+    assert "and their video discs.avi is not there" in " ".join(err.split())
+
+
 # --- bad input
 
 
@@ -134,6 +159,7 @@ def test_P1_options_are_read_by_their_names(run):
         (["--size", "640"], "--size must be width x height in pixels, such as 640x480"),
         (["--method", "report", "--patterns", "ssl"], "the report's method knows no field and no patterns"),
         (["--patterns", "vsss"], "which were not learnt"),
+        (["--within", "1,2,3"], "--within must be X0,Y0,X1,Y1 with X0 < X1 and Y0 < Y1, got '1,2,3'"),
         (["--fps", "0"], "fps must be a positive number"),
     ],
 )
@@ -201,8 +227,7 @@ def whole(room):
     return room
 
 
-@pytest.mark.parametrize("suffix", ["csv", "jsonl", "parquet"])
-@pytest.mark.parametrize("end", [1, 13, 23])
+@pytest.mark.parametrize(("suffix", "end"), [("csv", 1), ("csv", 23), ("jsonl", 23), ("parquet", 23)])
 def test_resumed_after_a_warm_up_on_everything_the_file_is_that_of_an_uninterrupted_run(run, whole, suffix, end):
     out = Path(f"t.{suffix}")
     run("--out", out, "--stop", end)
@@ -217,7 +242,7 @@ def test_resumed_after_a_warm_up_on_everything_the_file_is_that_of_an_uninterrup
 
 def test_however_it_ended_the_resumed_file_is_the_same(run):
     files = []
-    for damage in (0, 1, 9, 40):
+    for damage in (0, 40):
         run("--out", "t.csv", "--stop", 30)
         path = Path("t.csv")
         path.write_bytes(path.read_bytes()[: -damage or None])

@@ -44,6 +44,11 @@ def rotations() -> None:
     _run("rotations")
 
 
+def tracker() -> None:
+    """Robots and balls that a camera sees."""
+    _run("tracker")
+
+
 def _run(node: str) -> None:
     try:
         from pieper.cli.main import main

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from pieper.cli import bags, topics
+from pieper.cli import bags, topics, tracker
 from pieper.cli.arguments import Base, Nominal, Tip, load
 from pieper.cli.node import Backend, Domain, Network, RosCommand, joined, ros_arguments
 from pieper.errors import PieperError, RosError, unknown_name
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pieper.ros.nodes import Entry
 
 _TOPIC = "topic:"
+_TAKES = {"nothing": "", "video": " VIDEO"}
 
 Words = Annotated[
     list[str] | None,
@@ -155,14 +156,15 @@ def _list() -> None:
         console(),
         ["node", "what it does", "start it with"],
         [
-            [entry.name, entry.summary, f"pieper ros {entry.name}{'' if entry.needs == 'nothing' else ' ARM'}"]
+            [entry.name, entry.summary, f"pieper ros {entry.name}{_TAKES.get(entry.needs, ' ARM')}"]
             for entry in NODES.values()
         ],
     )
 
 
 for _entry in NODES.values():
-    app.command(_entry.name, cls=RosCommand, short_help=_entry.summary)(_verb(_entry))
+    _run = tracker.tracker if _entry.needs == "video" else _verb(_entry)
+    app.command(_entry.name, cls=RosCommand, short_help=_entry.summary)(_run)
 app.command("list", short_help="List the nodes.")(_list)
 app.command("pub", cls=RosCommand, short_help="Send a message to a topic.")(topics.pub)
 app.command("echo", cls=RosCommand, short_help="Print the messages of a topic.")(topics.echo)

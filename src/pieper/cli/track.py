@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 METHODS = ("pieper", "report")
 _INTERRUPTED = 130
+_AROUND = 0.15  # m; goals, and what a lens and the height of a robot move
 
 
 def track(
@@ -48,6 +49,14 @@ def track(
         list[str] | None,
         typer.Option(
             "--largest", metavar="COLOUR", help="Without patterns: follow only the largest patch of this colour."
+        ),
+    ] = None,
+    within: Annotated[
+        str | None,
+        typer.Option(
+            "--within",
+            metavar="X0,Y0,X1,Y1",
+            help="Look only there, in pixels, or metres with --field; by default on the field that the file tells, and 0.15 m around it.",
         ),
     ] = None,
     method: Annotated[
@@ -97,7 +106,7 @@ def track(
         raise unknown_name("method", method, METHODS)
     _check_files(source, out, video, resume)
     model, tracker, view, heights = _tracker(
-        colors, field, patterns, ball, largest or [], method=method, adapt=adapt, tracked=source
+        colors, field, patterns, ball, largest or [], within, method=method, adapt=adapt, tracked=source
     )
     summary, stopped = Summary(), False
     with ExitStack() as stack:
@@ -153,7 +162,7 @@ def _check_files(source: str, out: Path | None, video: Path | None, resume: bool
 
 
 def _tracker(
-    colors: Path, field: Path | None, patterns: str | None, ball: str | None, largest: list[str], *,
+    colors: Path, field: Path | None, patterns: str | None, ball: str | None, largest: list[str], within: str | None, *,
     method: str, adapt: bool, tracked: str,
 ) -> tuple[Any, Follows, View, dict[str, float]]:  # fmt: skip
     """The colour model, the tracker, the view, and the heights of what is drawn."""
@@ -164,6 +173,7 @@ def _tracker(
 
     model = ColorModel.load(colors)
     view: View = PixelView()
+    place: tuple[float, float, float, float] | None = None
     if method == "report":
         if field is not None or patterns is not None or ball is not None or largest:
             raise VisionError(
@@ -171,9 +181,15 @@ def _tracker(
             )
         return model, _report(model, colors, tracked), view, {}
     if field is not None:
-        from pieper.perception.calibration_file import load_view
+        from pieper.perception.calibration_file import load_field_size, load_view
 
         view = load_view(field)
+        size = load_field_size(field)
+        if size is not None:
+            x, y = size[0] / 2 + _AROUND, size[1] / 2 + _AROUND
+            place = (-x, -y, x, y)
+    if within is not None:
+        place = _rectangle(within)
     for name in largest:
         if name not in model.names:
             raise unknown_name("color", name, model.names, str(colors))
@@ -185,6 +201,7 @@ def _tracker(
         ball=ball,
         markers={name: "largest" if name in largest else "all" for name in model.names},
         adaptation=adaptation,
+        within=place,
     )
     heights = {}
     if tracker.patterns.robots:
@@ -320,3 +337,13 @@ def _size(text: str) -> tuple[int, int]:
     if len(words) != 2 or not all(word.strip().isdecimal() for word in words):
         raise VisionError(f"--size must be width x height in pixels, such as 640x480, got {text!r}")
     return int(words[0]), int(words[1])
+
+
+def _rectangle(text: str) -> tuple[float, float, float, float]:
+    try:
+        x0, y0, x1, y1 = (float(word) for word in text.split(","))
+    except ValueError:
+        x0, y0, x1, y1 = 0.0, 0.0, 0.0, 0.0
+    if not (x0 < x1 and y0 < y1):
+        raise VisionError(f"--within must be X0,Y0,X1,Y1 with X0 < X1 and Y0 < Y1, got {text!r}")
+    return x0, y0, x1, y1

@@ -17,6 +17,9 @@
 `masks`          masks of colours, for people who want to look
 `blobs`          connected patches of one colour in one frame
 `sighting`       what one frame says of one object
+`pattern`        layouts of markers, and the robots and balls that the patches of a frame make
+`track`          a Kalman filter for each object, one assignment for all, lives and names
+`pipeline`       a frame through all of these, each stage timed
 `estimate`       what the tracker believes of one object
 `overlay`        what was seen and is believed, drawn over the frame
 `output`         tables of tracks (CSV, JSON lines, Parquet) and annotated videos

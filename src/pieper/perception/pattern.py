@@ -50,6 +50,7 @@ _BALL_ROUND = 0.6  # circularity of a ball that is partly hidden
 _BALL_AREA = (0.25, 3.0)  # of what a ball of its size would cover
 _AREA_NOISE = 0.03  # of the share of its usual area that a marker has, to begin with; learnt as the area is
 _SIZES = (0.5, 1.7)  # radius of a blob over that of its marker
+_COMPACT = 0.4  # least circularity of a marker: a bar of 2 to 1 has 0.76, of 5 to 1 0.37; lines of a field have less
 _MISFIT = 1e-3  # probability of a misfit that is put down to what the covariances do not know
 _AREA_PACE = 0.05  # of what is learnt of the area of a marker, from one sight of it
 _CUT = 0.9  # radii by which the centroid of a disc moves that lost a half of its area and more, per share lost over share left
@@ -210,7 +211,7 @@ def load_patterns(source: str | Path | None) -> Patterns:
         return _read(parse_yaml(raw, f"{source}.yaml"))
     path = Path(source)
     if not path.exists() and not path.suffix and path.name == str(source):
-        raise unknown_name("set of patterns", str(source), BUILT_IN, "Pieper; a file may be named instead")
+        raise unknown_name("pattern set or file", str(source), BUILT_IN)
     return _read(read_yaml(path))
 
 
@@ -300,7 +301,7 @@ def lone_markers(blobs: Blobs, view: View, follow: Mapping[str, Follow]) -> tupl
         rows += own.tolist()
     if not rows:
         return ()
-    places, covariances = _placed(blobs, view, 0.0, np.array(rows))
+    places, covariances, _ = _placed(blobs, view, 0.0, np.array(rows))
     return tuple(
         Sighting("marker", blobs.names[blobs.color[row]], places[i], None, covariances[i], (row,))
         for i, row in enumerate(rows)
@@ -308,14 +309,18 @@ def lone_markers(blobs: Blobs, view: View, follow: Mapping[str, Follow]) -> tupl
     )
 
 
-def _placed(blobs: Blobs, view: View, height: float, rows: Any = slice(None)) -> tuple[FloatArray, FloatArray]:
-    """Places of blobs at a height, and their covariances."""
+def _placed(
+    blobs: Blobs, view: View, height: float, rows: Any = slice(None)
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Places of blobs at a height, their covariances, and how many pixels a unit has there."""
     centroid = blobs.centroid[rows]
     covariance = blobs.covariance[rows] + np.eye(2) * _PIXEL_FLOOR**2
     if view.unit == "px":
-        return centroid, covariance
+        return centroid, covariance, np.ones(len(centroid))
     J = view.jacobian(centroid, height=height)
-    return view.to_field(centroid, height=height), J @ covariance @ J.transpose(0, 2, 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        size = np.abs(J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0]) ** -0.5
+    return view.to_field(centroid, height=height), J @ covariance @ J.transpose(0, 2, 1), size
 
 
 @dataclass(frozen=True, eq=False)
@@ -382,6 +387,7 @@ class _Candidates:
     """Which pattern, -1 if that is open."""
     score: FloatArray
     centre: NDArray[np.complex128]
+    turn: NDArray[np.complex128]
     scale: FloatArray
 
 
@@ -426,6 +432,8 @@ class PatternFinder:
         self._single = [r for r in patterns.robots if len(r.markers) == 1]
         self._areas = [np.full(len(shape.places), np.nan) for shape in self._shapes]
         self._scatter = [_AREA_NOISE**2 for _ in self._shapes]
+        self._poses: list[dict[int, tuple[complex, complex, complex]]] = [{} for _ in self._shapes]
+        self._count = {r.name: len(r.markers) for r in patterns.robots}
         self._tables: dict[tuple[str, ...], list[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]]] = {}
 
     def forget(self) -> None:
@@ -433,6 +441,7 @@ class PatternFinder:
         self.scale = 1.0 if self._metric else self._given
         for areas in self._areas:
             areas[:] = np.nan
+        self._poses = [{} for _ in self._shapes]
 
     def find(self, blobs: Blobs) -> tuple[Sighting, ...]:
         """Return the robots and the ball of one frame.
@@ -456,22 +465,28 @@ class PatternFinder:
         if self.scale is not None:
             robots = self._robots(blobs, levels, used, self.scale, learn=True)
         robots += self._single_robots(blobs, levels, used)
-        return (*_named_once(robots), *self._ball(blobs, levels, used))
+        return (*_named_once(robots, self._count, used), *self._ball(blobs, levels, used))
 
     def _robots(self, blobs: Blobs, levels: _Levels, used: set[int], scale: float, *, learn: bool) -> list[Sighting]:
         chosen: list[tuple[_Candidates, int]] = []
-        for _ in range(_ROUNDS):
+        # First where the robots of the last frame must be by now, if they are there completely; then anywhere, among what is left.
+        for attempt in range(_ROUNDS + 1):
+            look_back = learn and attempt == 0
+            if look_back and not any(self._poses):
+                continue
             free = np.ones(len(blobs), dtype=bool)
             free[list(used)] = False
-            pools = [self._candidates(k, blobs, levels, free, scale) for k in range(len(self._shapes))]
+            pools = [self._candidates(k, blobs, levels, free, scale, look_back) for k in range(len(self._shapes))]
             new, again = self._choose([p for p in pools if p is not None], used, chosen)
             chosen += new
-            if not (new and again):
+            if not (look_back or (new and again)):
                 break
         found: list[tuple[float, Sighting]] = []
         scales: list[float] = []
         for k in range(len(self._shapes)):
             own = [(c, i) for c, i in chosen if c.shape == k]
+            if learn:
+                self._remember(k, own)
             if own:
                 found += self._fitted(k, own, levels, scale)
                 scales += [float(c.scale[i]) for c, i in own]
@@ -498,11 +513,13 @@ class PatternFinder:
         return self._tables[names]
 
     def _candidates(
-        self, k: int, blobs: Blobs, levels: _Levels, free: NDArray[np.bool_], scale: float
+        self, k: int, blobs: Blobs, levels: _Levels, free: NDArray[np.bool_], scale: float, look_back: bool
     ) -> _Candidates | None:
         shape = self._shapes[k]
         colors, place_colors, pair_colors = self._table(blobs.names)[k]
-        rows = np.flatnonzero(free & place_colors.any(axis=0)[blobs.color] & levels.sized(shape, scale))
+        rows = np.flatnonzero(
+            free & np.any(place_colors, axis=0, keepdims=True)[0, blobs.color] & levels.sized(shape, scale)
+        )
         if len(rows) < shape.least:
             return None
         z = np.stack([levels.places(h)[rows] for h in shape.heights])  # (levels, blobs)
@@ -514,6 +531,9 @@ class PatternFinder:
         color = blobs.color[rows]
         slack = 0.0 if self._metric else _SCALE_SLACK
         gate = shape.gate * scale
+        if look_back:
+            blob = self._where_they_were(k, z, color, colors, gate)
+            return self._scored(k, rows, blob, z, levels, color, colors, scale) if len(blob) else None
 
         # Two blobs at the distance, and of the colours, of two places.
         near = np.abs(z[0][:, None] - z[0][None]) < shape.reach * scale * (1.0 + slack) + 2.0 * gate
@@ -538,21 +558,54 @@ class PatternFinder:
         most = int(near.sum(axis=1).max()) + 1
         np.fill_diagonal(near, True)
         around = np.argsort(~near, axis=1, kind="stable")[:, :most]
-        inside = np.take_along_axis(near, around, axis=1)
+        inside = near[np.arange(len(rows))[:, None], around]
         close, is_close = around[a[pair]], inside[a[pair]]
         off = z[shape.level[None, :, None], close[:, None, :]] - expected[:, :, None]
         square = off.real**2 + off.imag**2
         allowed = place_colors[np.arange(len(shape.places))[None, :, None], color[close][:, None, :]]
         square = np.where(allowed & is_close[:, None, :], square, np.inf)
         best = square.argmin(axis=2)
-        distance = np.take_along_axis(square, best[:, :, None], axis=2)[:, :, 0]
-        blob = np.where(distance < (1.5 * gate) ** 2, np.take_along_axis(close, best, axis=1), -1)
+        each = np.arange(len(best))[:, None]
+        distance = square[each, np.arange(best.shape[1])[None], best]
+        blob = np.where(distance < (1.5 * gate) ** 2, close[each, best], -1)
         enough = (blob >= 0).sum(axis=1) >= shape.least
         blob = blob[enough]
         if not len(blob):
             return None
         blob = blob[_different(blob)]
         return self._scored(k, rows, blob, z, levels, color, colors, scale)
+
+    def _remember(self, k: int, chosen: list[tuple[_Candidates, int]]) -> None:
+        """Where each robot of a shape is, how it is turned, and how far it went since the last frame."""
+        before, now = self._poses[k], {}
+        for c, i in chosen:
+            which = int(c.pattern[i])
+            if which >= 0 and which not in now:
+                centre, turn = complex(c.centre[i]), complex(c.turn[i])
+                last = before.get(which)
+                now[which] = (centre, turn, centre - last[0] if last else 0j)
+        self._poses[k] = now
+
+    def _where_they_were(
+        self,
+        k: int,
+        z: NDArray[np.complex128],
+        color: NDArray[np.int64],
+        colors: NDArray[np.int64],
+        gate: float,
+    ) -> NDArray[np.int64]:
+        """Blobs of the robots of the last frame, moved on, of which every marker is there in its colour, ``(m, n)``."""
+        shape, poses = self._shapes[k], self._poses[k]
+        if not poses:
+            return np.zeros((0, len(shape.places)), dtype=np.int64)
+        centre, turn, step = np.array(list(poses.values())).T
+        expected = (centre + step)[:, None] + turn[:, None] * shape.places[None]
+        off = z[shape.level[None, :, None], np.arange(z.shape[1])] - expected[:, :, None]
+        square = off.real**2 + off.imag**2
+        square[color[None, None, :] != colors[list(poses)][:, :, None]] = np.inf
+        blob = square.argmin(axis=2)
+        blob = blob[(square.min(axis=2) < gate * gate).all(axis=1)]
+        return np.asarray(blob if len(np.unique(blob)) == blob.size else blob[:0])
 
     def _scored(
         self,
@@ -602,7 +655,7 @@ class PatternFinder:
         score = count - 0.5 * missing - 0.5 * error
         kept = np.where(mask, rows[blob], -1)
         pattern = np.where(open_name, -1, which)
-        return _Candidates(k, kept[stays], pattern[stays], score[stays], origin[stays], size[stays])
+        return _Candidates(k, kept[stays], pattern[stays], score[stays], origin[stays], turn[stays], size[stays])
 
     def _choose(
         self, pools: list[_Candidates], used: set[int], before: list[tuple[_Candidates, int]]
@@ -638,13 +691,14 @@ class PatternFinder:
         rows = np.array([c.rows[i] for c, i in chosen])
         there = rows >= 0
         points = np.zeros(rows.shape, dtype=np.complex128)
-        W = np.zeros((*rows.shape, 2, 2))
+        W = np.zeros((3, *rows.shape))  # xx, xy, yy of the inverse covariances
         cut = self._cut(k, rows, there, levels, scale)
         for level, height in enumerate(shape.heights):
             here = there & (shape.level == level)
             points[here] = levels.places(height)[rows[here]]
-            spread = levels.covariances(height)[rows[here]] + cut[here, None, None] ** 2 * np.eye(2)
-            W[here] = np.linalg.inv(spread)
+            spread = levels.covariances(height)[rows[here]]
+            xx, xy, yy = spread[:, 0, 0] + cut[here] ** 2, spread[:, 0, 1], spread[:, 1, 1] + cut[here] ** 2
+            W[:, here] = np.stack([yy, -xy, xx]) / (xx * yy - xy * xy)
         origin, turn = _similarity(points, shape.places, there)
         size = np.ones(len(rows)) if self._metric else np.abs(turn)
         turn = turn / np.abs(turn)
@@ -654,22 +708,27 @@ class PatternFinder:
                 (v * there).sum(axis=1) / count for v in (points, np.broadcast_to(shape.places, rows.shape))
             )
             origin = middle - turn * lever
-        for _ in range(2):  # Gauss-Newton; the problem is nearly linear, and the second step is below rounding
-            arm = (size * turn)[:, None] * shape.places[None]
-            off = np.where(there, points - origin[:, None] - arm, 0.0)
-            A = np.zeros((*rows.shape, 2, 3))
-            A[..., 0, 0] = A[..., 1, 1] = 1.0
-            A[..., 0, 2], A[..., 1, 2] = -arm.imag, arm.real
-            AW = A.transpose(0, 1, 3, 2) @ W
-            information = (AW @ A).sum(axis=1)
-            r = np.stack([off.real, off.imag], axis=-1)
-            covariance = np.linalg.inv(information)
-            step = (covariance @ (AW @ r[..., None]).sum(axis=1))[..., 0]
-            origin = origin + step[:, 0] + 1j * step[:, 1]
-            turn = turn * np.exp(1j * step[:, 2])
+        # One step of Gauss-Newton: the problem is nearly linear, and a second one is below rounding.
+        arm = (size * turn)[:, None] * shape.places[None]
+        off = np.where(there, points - origin[:, None] - arm, 0.0)
+        u, v = off.real, off.imag
+        a, b, c = W
+        Wu, Wv = a * u + b * v, b * u + c * v
+        Wx, Wy = (
+            -a * arm.imag + b * arm.real,
+            -b * arm.imag + c * arm.real,
+        )  # W times how the marker moves with the heading
+        spin = -arm.imag * Wx + arm.real * Wy
+        sums = np.stack([a, b, c, Wx, Wy, spin, Wu, Wv, arm.real * Wv - arm.imag * Wu, u * Wu + v * Wv]).sum(axis=2)
+        information = sums[[0, 1, 3, 1, 2, 4, 3, 4, 5]].T.reshape(-1, 3, 3)
+        covariance = np.linalg.inv(information)
+        slope = sums[6:9].T
+        step = (covariance @ slope[..., None])[..., 0]
+        origin = origin + step[:, 0] + 1j * step[:, 1]
+        turn = turn * np.exp(1j * step[:, 2])
         # A misfit that the covariances of the markers do not explain is laid on that of the robot (Birge's ratio).
         freedom = 2.0 * there.sum(axis=1) - 3.0
-        misfit = (r[..., None, :] @ W @ r[..., None])[..., 0, 0].sum(axis=1)
+        misfit = sums[9] - (slope * step).sum(axis=1)
         covariance *= np.where(misfit > chdtri(freedom, _MISFIT), misfit / freedom, 1.0)[:, None, None]
         near = np.exp(-2.0 * (np.abs(off) / (shape.gate * scale)) ** 2)
         confidence = (near * there).sum(axis=1) / len(shape.places)
@@ -702,10 +761,10 @@ class PatternFinder:
         with np.errstate(invalid="ignore"):
             share = area / usual[None]
             whole = np.abs(share - 1.0) < max(3.0 * np.sqrt(self._scatter[k]), _AREA_NOISE)
-        for n in np.flatnonzero(whole.any(axis=0)):
-            usual[n] *= 1.0 + _AREA_PACE * (float(share[whole[:, n], n].mean()) - 1.0)
+        excess = np.where(whole, share - 1.0, 0.0)
+        usual *= 1.0 + _AREA_PACE * excess.sum(axis=0) / np.maximum(whole.sum(axis=0), 1)
         if whole.any():
-            self._scatter[k] += _AREA_PACE * (float(((share[whole] - 1.0) ** 2).mean()) - self._scatter[k])
+            self._scatter[k] += _AREA_PACE * (float((excess**2).sum() / whole.sum()) - self._scatter[k])
         lost = np.clip(np.nan_to_num(1.0 - share - 2.0 * np.sqrt(self._scatter[k])), 0.0, 0.9)
         return np.asarray(_CUT * np.nan_to_num(radius) * lost / (1.0 - lost))
 
@@ -787,15 +846,14 @@ class _Levels:
 
     def __init__(self, blobs: Blobs, view: View) -> None:
         self.blobs, self._view = blobs, view
-        self._known: dict[float, tuple[NDArray[np.complex128], FloatArray]] = {}
-        self._sizes: dict[float, FloatArray] = {}
+        self._known: dict[float, tuple[NDArray[np.complex128], FloatArray, FloatArray]] = {}
 
-    def _at(self, height: float) -> tuple[NDArray[np.complex128], FloatArray]:
+    def _at(self, height: float) -> tuple[NDArray[np.complex128], FloatArray, FloatArray]:
         if self._view.unit == "px":
             height = 0.0
         if height not in self._known:
-            places, covariances = _placed(self.blobs, self._view, height)
-            self._known[height] = (places[:, 0] + 1j * places[:, 1], covariances)
+            places, covariances, sizes = _placed(self.blobs, self._view, height)
+            self._known[height] = (places[:, 0] + 1j * places[:, 1], covariances, sizes)
         return self._known[height]
 
     def places(self, height: float) -> NDArray[np.complex128]:
@@ -808,21 +866,15 @@ class _Levels:
 
     def pixels_per_unit(self, height: float) -> FloatArray:
         """How large a unit is in the image, at each blob."""
-        if self._view.unit == "px":
-            return np.ones(len(self.blobs))
-        if height not in self._sizes:
-            J = self._view.jacobian(self.blobs.centroid, height=height)
-            det = np.abs(J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0])
-            with np.errstate(divide="ignore", invalid="ignore"):
-                self._sizes[height] = 1.0 / np.sqrt(det)
-        return self._sizes[height]
+        return self._at(height)[2]
 
     def sized(self, shape: _Shape, scale: float) -> NDArray[np.bool_]:
         """Which blobs have about the size of a marker of a shape."""
+        compact = self.blobs.circularity >= _COMPACT
         if shape.radii.min() <= 0:
-            return np.ones(len(self.blobs), dtype=bool)
+            return compact
         radius = self.radii(shape.heights[-1]) / scale
-        return np.asarray((radius > _SIZES[0] * shape.radii.min()) & (radius < _SIZES[1] * shape.radii.max()))
+        return np.asarray(compact & (radius > _SIZES[0] * shape.radii.min()) & (radius < _SIZES[1] * shape.radii.max()))
 
     def radii(self, height: float) -> FloatArray:
         """Radii of discs of the areas of the blobs, in units."""
@@ -865,12 +917,17 @@ def _different(rows: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.sort(np.unique(keys, return_index=True)[1])
 
 
-def _named_once(robots: list[Sighting]) -> list[Sighting]:
-    """The surest of a name keeps it."""
+def _named_once(robots: list[Sighting], count: Mapping[str, int], used: set[int]) -> list[Sighting]:
+    """The surest of a name keeps it; another one stays without if it is complete, and is clutter if it is not."""
     names: set[str] = set()
     out = []
     for robot in robots:
-        out.append(replace(robot, name=None) if robot.name in names else robot)
+        if robot.name not in names:
+            out.append(robot)
+        elif len(robot.blobs) == count[robot.name]:
+            out.append(replace(robot, name=None))
+        else:
+            used.difference_update(robot.blobs)
         if robot.name:
             names.add(robot.name)
     return out

@@ -100,6 +100,8 @@ class MarkerTracker:
         Follows the light.
     area : (int, int or None), optional
         Least and greatest area of a patch [px]; by default 12 and no bound.
+    within : (float, float, float, float), optional
+        Least x and y, greatest x and y, in the unit of the view: patches elsewhere are clutter and are left out.
 
     Raises
     ------
@@ -123,6 +125,7 @@ class MarkerTracker:
         parameters: TrackerParameters | None = None,
         adaptation: Adaptation | None = None,
         area: tuple[int, int | None] = (12, None),
+        within: tuple[float, float, float, float] | None = None,
     ) -> None:
         self.table = colors if isinstance(colors, ColorTable) else colors.table()
         self.view: View = PixelView() if view is None else view
@@ -138,8 +141,9 @@ class MarkerTracker:
                 f"the colours are: {', '.join(self.table.names)}"
             )
         self._markers = _per_color(markers, self.table.names)
-        self._adaptation = adaptation
+        self.adaptation = adaptation
         self._area = area
+        self._within = None if within is None else np.array(within, dtype=np.float64).reshape(2, 2)
         self._size: tuple[int, int] | None = None
 
     def step(self, frame: Frame) -> Step:
@@ -158,9 +162,9 @@ class MarkerTracker:
         clock.lap("pattern")
         estimates = self.tracker.step(frame.time, sightings)
         clock.lap("track")
-        if self._adaptation is not None:
+        if self.adaptation is not None:
             rows = sorted({row for i in self.tracker.used for row in sightings[i].blobs})
-            self._adaptation.update(frame, blobs.select(np.array(rows, dtype=np.int64)))
+            self.adaptation.update(frame, blobs.select(np.array(rows, dtype=np.int64)))
             clock.lap("adapt")
         return Step(frame.index, frame.time, blobs, sightings, estimates, clock.milliseconds())
 
@@ -169,9 +173,13 @@ class MarkerTracker:
         return self.tracker.predict(time)
 
     def _segment(self, frame: Frame) -> Blobs:
-        table = self.table if self._adaptation is None else self._adaptation.table
+        table = self.table if self.adaptation is None else self.adaptation.table
         least, most = self._area
-        return segment(frame.image, table, min_area=least, max_area=most)
+        blobs = segment(frame.image, table, min_area=least, max_area=most)
+        if self._within is None or not len(blobs):
+            return blobs
+        places = self.view.to_field(blobs.centroid)  # NaN, beyond the horizon, is nowhere
+        return blobs.select(((places >= self._within[0]) & (places <= self._within[1])).all(axis=-1))
 
     def _sightings(self, blobs: Blobs) -> tuple[Sighting, ...]:
         if self._finder is None:

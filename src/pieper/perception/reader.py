@@ -142,18 +142,29 @@ class VideoReader:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path = Path(path)
         cv2 = opencv("reading a video")
-        _must_exist(self.path)
-        self._capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
-        if not self._capture.isOpened():
+        _must_exist(Path(path))
+        capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+        if not capture.isOpened():
             raise VisionError(
-                f"{self.path} cannot be read as a video: it is damaged or cut off, or its codec is not known to FFmpeg"
+                f"{path} cannot be read as a video: it is damaged or cut off, or its codec is not known to FFmpeg"
             )
+        self._take(capture, str(path), Path(path).name)
+
+    @classmethod
+    def of(cls, capture: Any, name: str) -> VideoReader:
+        """Read a video that OpenCV has opened already."""
+        made = cls.__new__(cls)
+        made._take(capture, name, name)
+        return made
+
+    def _take(self, capture: Any, path: str, name: str) -> None:
+        cv2 = opencv("reading a video")
+        self._capture, self._path = capture, path
         fps, count = self._capture.get(cv2.CAP_PROP_FPS), self._capture.get(cv2.CAP_PROP_FRAME_COUNT)
         size = (int(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
         self.info = SourceInfo(
-            name=self.path.name,
+            name=name,
             kind="video",
             size=size if min(size) > 0 else None,
             fps=float(fps) if 0 < fps < 1e5 else None,
@@ -180,7 +191,7 @@ class VideoReader:
         if stopped():
             return
         if index == 0:
-            raise VisionError(f"{self.path} holds no frames that can be decoded")
+            raise VisionError(f"{self._path} holds no frames that can be decoded")
         if start >= index:
             raise invalid_number(start, self.info.name, index)
         claimed = self.info.frames or 0
@@ -347,15 +358,19 @@ def camera_reader(which: int | str, *, fps: float | None = None, **options: Any)
     return LiveReader(f"camera {number}", connect, kind="camera", fps=fps, **options)
 
 
-def stream_reader(url: str, **options: Any) -> LiveReader:
-    """Open an RTSP or HTTP address. Passwords in it are kept out of messages."""
+def stream_reader(url: str, **options: Any) -> LiveReader | VideoReader:
+    """Open an address, such as ``rtsp://...`` or ``http://...``; what has an end is a video. Passwords are kept out of messages."""
     cv2 = opencv("a stream")
     limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _PATIENCE_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, _PATIENCE_MS]
+    name = re.sub(r"//[^/@]*@", "//...@", url)
+    first = [cv2.VideoCapture(url, cv2.CAP_FFMPEG, limits)]
+    if first[0].isOpened() and first[0].get(cv2.CAP_PROP_FRAME_COUNT) > 0:
+        return VideoReader.of(first[0], name)
 
     def connect() -> Capture:
-        return cast(Capture, cv2.VideoCapture(url, cv2.CAP_FFMPEG, limits))
+        return cast(Capture, first.pop() if first else cv2.VideoCapture(url, cv2.CAP_FFMPEG, limits))
 
-    return LiveReader(re.sub(r"//[^/@]*@", "//...@", url), connect, kind="stream", **options)
+    return LiveReader(name, connect, kind="stream", **options)
 
 
 class PipeReader:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 VIDEO, FRAMES, TRUTH, CAMERA = "video.mp4", "frames", "truth.jsonl", "camera.yaml"
 FIELD, PATTERNS, REGIONS = "field.yaml", "patterns.yaml", "regions.yaml"
-_FEWEST_PIXELS = 3  # half the side of a region
+_FEWEST_PIXELS = 1  # half the side of a region
 _CAPTURES = 3  # of a colour at most, on frames that lie apart
 
 
@@ -163,6 +163,9 @@ def _halves(scene: Scene, thing: Robot | Ball) -> list[int]:
     focal = scene.view.camera.matrix[0, 0]
     scale = focal / float(np.linalg.norm(scene.view.T_camera_field[:3, 3]))
     if isinstance(thing, Ball):
-        return [int(0.7 * thing.radius * scale)]
-    inner = [m.radius if m.box is None else min(m.box) / 2 for m in thing.model.markers]
-    return [int(0.7 * radius * scale) for radius in inner]
+        inner = [thing.radius]
+    else:
+        inner = [m.radius if m.box is None else min(m.box) / 2 for m in thing.model.markers]
+    return [
+        max(0, int((radius * scale - 0.7) / np.sqrt(2) - 0.5)) for radius in inner
+    ]  # without the mixed pixels of the rim

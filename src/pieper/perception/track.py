@@ -38,6 +38,8 @@ _UNKNOWN_HEADING = np.pi**2 / 3.0  # variance of an angle of which nothing is kn
 _PIXELS_PER_METRE = 400.0  # of a camera over a small field; for the defaults in pixels alone
 _PLANE = [0, 1, 3, 4]  # rows of the state of what has no heading
 _JOLT = 1e-3  # probability of an innovation that is put down to a jolt
+_HITS = 3  # sights of what is believed; one fewer if it has a name
+_ESTABLISHED = 0.25  # s
 _ROUNDING = 1e-9  # s; time stamps are sums of frame times
 
 
@@ -87,11 +89,12 @@ class TrackerParameters:
         Share of true sightings that may fall outside the gate: a sighting belongs to a track only if its squared Mahalanobis distance is
         below the value that chi-squared exceeds with this probability.
     confirm : float
-        Age [s] at which a track that is seen again is believed and reported.
+        Age [s] at which a track is believed and reported, if it was seen in three frames, two if it has a name, and in half of all; 0: at once.
     forget : float
         Seconds unseen, and at least two frames, after which a track that is not yet believed is dropped.
     end : float
-        Seconds unseen after which a track ends.
+        Seconds unseen after which a track ends. One that was seen for less than a quarter of a second lasts twice as long as it was seen, since
+        false ones seldom are for longer.
     floor : float
         Standard deviation [unit] that is added to that of every sighting, of what its covariance cannot know: calibration, light, pixels.
     heading_floor : float
@@ -102,7 +105,7 @@ class TrackerParameters:
     ball: Motion
     marker: Motion
     gate: float = 1e-5
-    confirm: float = 0.05
+    confirm: float = 0.03
     forget: float = 0.1
     end: float = 1.0
     floor: float = 0.0
@@ -393,19 +396,20 @@ class Tracker:
             chosen = [(i, j) for i, j in matches if bool(seen.heading[j]) is with_heading]
             if not chosen:
                 continue
-            i, j = (np.array(part) for part in zip(*chosen, strict=True))
+            rows = np.array(chosen, dtype=np.int64)
+            i, j = rows[:, 0], rows[:, 1]
             y = seen.z[j, :size] - self._x[i, :size]
             if with_heading:
                 y[:, 2] = _wrapped(y[:, 2])
             self._absorb_jolts(i, y, seen.R[j, :size, :size])
             self._x[i], self._P[i] = _updated(self._x[i], self._P[i], y, seen.R[j, :size, :size])
         self._x[:, 2] = _wrapped(self._x[:, 2])
-        for i, j in matches:
-            track = self._tracks[i]
-            track.sighting, track.seen = j, cast("float", self._time)
+        for row, column in matches:
+            track = self._tracks[row]
+            track.sighting, track.seen = column, cast("float", self._time)
             track.hits += 1
             track.misses = 0
-            track.heading |= bool(seen.heading[j])
+            track.heading |= bool(seen.heading[column])
         for track in self._tracks:
             track.frames += 1
             track.misses += track.sighting < 0
@@ -457,7 +461,7 @@ class Tracker:
 
     def _confirm(self) -> None:
         """Believe what was seen long enough; what claims the name of a believed track that is not seen is that track, found again."""
-        time, p = cast("float", self._time), self.parameters
+        time = cast("float", self._time)
         holders = {t.name: i for i, t in enumerate(self._tracks) if t.confirmed and t.unique and t.hits > 0}
         keep = np.ones(len(self._tracks), dtype=bool)
         for i, track in enumerate(self._tracks):
@@ -475,14 +479,17 @@ class Tracker:
         self._keep(keep)
 
     def _is_sure(self, track: _Track, time: float) -> bool:
-        """Whether a new track is old enough, and seen now and in half of its frames."""
+        """Whether a new track is old enough, and was seen often enough, now, and in half of its frames."""
+        if self.parameters.confirm == 0.0:
+            return True
         old = time - track.born >= self.parameters.confirm - _ROUNDING
-        return (
-            old
-            and track.sighting >= 0
-            and 2 * track.hits >= track.frames
-            and (track.hits > 1 or self.parameters.confirm == 0)
-        )
+        return old and track.sighting >= 0 and track.hits >= _HITS - track.unique and 2 * track.hits >= track.frames
+
+    def _patience(self, track: _Track) -> float:
+        """How long a track lasts unseen."""
+        p = self.parameters
+        span = track.seen - track.born
+        return p.end if span >= _ESTABLISHED else min(p.end, max(p.forget, 2.0 * span))
 
     def _move(self, source: int, target: int) -> None:
         """Let the state of one track be that of another, which keeps its number and age."""
@@ -496,7 +503,7 @@ class Tracker:
         keep, lost = np.ones(len(self._tracks), dtype=bool), []
         for i, track in enumerate(self._tracks):
             unseen = time - track.seen
-            if track.confirmed and track.sighting < 0 and unseen >= p.end - _ROUNDING:
+            if track.confirmed and track.sighting < 0 and unseen >= self._patience(track) - _ROUNDING:
                 lost.append(replace(self._estimate(track, self._x[i], self._P[i], time), state="lost"))
                 keep[i] = False
             elif not track.confirmed and track.misses >= 2 and unseen > p.forget:

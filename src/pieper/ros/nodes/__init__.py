@@ -27,7 +27,7 @@ class Entry:
         Where its class is, and its name.
     needs : str
         What the class takes beside the bus: ``"nothing"``, ``"arm"``, a ``"simulator"`` of the arm, or ``"robot"``: what an
-        arm is loaded from, if anything.
+        arm is loaded from, if anything, ``"video"``: a tracker of what a camera shows, which hands over what it finds.
     """
 
     name: str
@@ -50,7 +50,7 @@ NODES = {
         Entry("controller", "Moves a simulated arm.", "pieper.ros.nodes.controller", "Controller", "simulator"),
         Entry("ik_server", "Inverse kinematics as services.", "pieper.ros.nodes.ik_server", "IkServer", "arm"),
         Entry("rotations", "Quaternion conversions as services.", "pieper.ros.nodes.rotations", "Rotations", "nothing"),
-        # The tracker of markers comes here, from pieper.perception.
+        Entry("tracker", "Robots and balls that a camera sees.", "pieper.ros.nodes.tracker", "Tracker", "video"),
     )
 }
 
