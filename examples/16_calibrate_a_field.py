@@ -10,7 +10,10 @@ from pieper.perception.calibration_file import load_view
 from pieper.perception.camera import Camera
 
 # A lens with barrel distortion, as `pieper calibrate-camera` finds it, and the pixels of the four corners of a field of 1.5 x 1.3 m.
-matrix, distortion = np.array([[620, 0, 324.0], [0, 625, 236], [0, 0, 1]]), np.array([-0.28, 0.09, 0.0008, -0.0005, -0.01])
+matrix, distortion = (
+    np.array([[620, 0, 324.0], [0, 625, 236], [0, 0, 1]]),
+    np.array([-0.28, 0.09, 0.0008, -0.0005, -0.01]),
+)
 camera = Camera(matrix, distortion, (640, 480))
 corners = [[-0.75, 0.65], [0.75, 0.65], [0.75, -0.65], [-0.75, -0.65]]
 seen = [[107.7, 26.5], [564.4, 46.2], [542.0, 447.3], [89.5, 420.6]]
