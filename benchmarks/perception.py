@@ -25,10 +25,16 @@ No figure on this page was typed: `benchmarks/perception.py` measures and writes
 ## Scenes with exact truth
 
 ```console
-$ pieper synthesize light-ramp --out film
-$ pieper learn-colour film/video.mp4 --rois film/regions.yaml --out film/colors.yaml
-$ pieper track film/video.mp4 --colors film/colors.yaml --field film/field.yaml --patterns film/patterns.yaml --out film/tracks.csv
-$ pieper evaluate film/tracks.csv film/truth.jsonl
+$ pieper synthesize occlusion --frames 20 --out film
+wrote film  video.mp4 of 20 frames, 0.33 s, and truth.jsonl
+```
+
+The other commands take what it wrote:
+
+```bash
+pieper learn-colour film/video.mp4 --rois film/regions.yaml --out film/colors.yaml
+pieper track film/video.mp4 --colors film/colors.yaml --field film/field.yaml --patterns film/patterns.yaml --out film/tracks.csv
+pieper evaluate film/tracks.csv film/truth.jsonl
 ```
 
 `pieper synthesize` draws robots with marker patterns, a ball and a field through a camera with perspective and lens distortion. Motions are

@@ -202,31 +202,47 @@ def _speed(quick: bool) -> list[Mark]:
 
 
 def opencv_routes(image: Image, table: ColorTable) -> dict[str, Callable[[], object]]:
-    """Return ways to blobs by OpenCV alone, each with area and centroid for each colour: thresholds in HSV, then components or contours."""
+    """Return ways to blobs by OpenCV alone, each with area and centroid of every patch of every colour.
+
+    Colours are boxes around the pixels that the table gives them, in HSV or in blue, green, red; or bits that a table for each channel gives.
+    """
     cv2 = opencv("the routes by OpenCV")
-    boxes = []
-    labels = table.classify(image)
+    labels, names = table.classify(image), range(1, len(table.names) + 1)
     hsv = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
-    for k in range(1, len(table.names) + 1):
-        pixels = hsv[labels == k].reshape(-1, 3)
-        boxes.append((pixels.min(axis=0).astype(float), pixels.max(axis=0).astype(float)))
+    in_hsv, in_bgr = ([_box(space[labels == k]) for k in names] for space in (hsv, image))
+    bits = np.zeros((256, 1, 3), np.uint8)
+    for k, (low, high) in enumerate(in_bgr):
+        for channel in range(3):
+            bits[int(low[channel]) : int(high[channel]) + 1, 0, channel] |= 1 << k
 
-    def masks(picture: Image) -> Iterator[Any]:
-        space = cv2.cvtColor(picture, cv2.COLOR_BGR2HSV)
-        return (cv2.inRange(space, low, high) for low, high in boxes)
+    def by_hsv() -> list[Any]:
+        space = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
+        return [cv2.inRange(space, low, high) for low, high in in_hsv]
 
-    def components(kind: int) -> Callable[[], object]:
-        return lambda: [cv2.connectedComponentsWithStatsWithAlgorithm(m, 8, cv2.CV_32S, kind) for m in masks(image)]
+    def by_bgr() -> list[Any]:
+        return [cv2.inRange(image, low, high) for low, high in in_bgr]
 
-    def contours() -> object:
-        found = [cv2.findContours(m, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0] for m in masks(image)]
-        return [[cv2.moments(contour) for contour in group] for group in found]
+    def by_table() -> list[Any]:
+        b, g, r = cv2.split(cv2.LUT(image, bits))
+        return [cv2.bitwise_and(cv2.bitwise_and(b, g, b), r, b)]
 
+    def components(mask: Any) -> object:
+        return cv2.connectedComponentsWithStats(mask, connectivity=8, ltype=cv2.CV_16U)
+
+    def contours(mask: Any) -> object:
+        return [cv2.moments(found) for found in cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]]
+
+    ways = {"HSV boxes": by_hsv, "BGR boxes": by_bgr, "table per channel": by_table}
+    ends = {"components": components, "contours": contours}
     return {
-        "OpenCV: inRange, components (Spaghetti)": components(cv2.CCL_SPAGHETTI),
-        "OpenCV: inRange, components (default)": components(cv2.CCL_DEFAULT),
-        "OpenCV: inRange, contours, moments": contours,
+        f"OpenCV: {way}, {end}": (lambda masks=masks, find=find: [find(mask) for mask in masks()])  # type: ignore[misc]
+        for way, masks in ways.items()
+        for end, find in ends.items()
     }
+
+
+def _box(pixels: Any) -> tuple[Any, Any]:
+    return pixels.min(axis=0).astype(float), pixels.max(axis=0).astype(float)
 
 
 def _in_turn(candidates: Mapping[str, Callable[[], object]], *, rounds: int) -> dict[str, list[float]]:
