@@ -24,70 +24,86 @@ namespace {
 
 // ---- the sieve: products of sets that cover the labelled cells
 
-constexpr int levels = 16, most_products = 8;
+constexpr int levels = 16, most_products = 16;
 
-struct Product {
-  std::vector<std::uint16_t> cells;  // a << 8 | b << 4 | c
-  std::uint16_t sets[3] = {};
-  int volume() const { return std::popcount(sets[0]) * std::popcount(sets[1]) * std::popcount(sets[2]); }
+// How much it costs to admit a cell without a label, by how common its pixels are: most of what cameras see is nearly grey.
+// Labelled cells cost nothing.
+class Costs {
+ public:
+  explicit Costs(const std::vector<std::uint16_t>& labelled) {
+    for (int a = 0; a < levels; ++a)
+      for (int b = 0; b < levels; ++b)
+        for (int c = 0; c < levels; ++c) {
+          const float colorful = static_cast<float>(std::max({a, b, c}) - std::min({a, b, c})) / 2;
+          of_[a << 8 | b << 4 | c] = std::exp(-colorful * colorful) + 0.01f;
+        }
+    for (std::uint16_t cell : labelled) of_[cell] = 0;
+  }
+  float operator()(const std::uint16_t sets[3]) const {
+    float sum = 0;
+    for (unsigned A = sets[0]; A != 0; A &= A - 1)
+      for (unsigned B = sets[1]; B != 0; B &= B - 1) {
+        const float* row = &of_[static_cast<std::size_t>(std::countr_zero(A) << 8 | std::countr_zero(B) << 4)];
+        for (unsigned C = sets[2]; C != 0; C &= C - 1) sum += row[std::countr_zero(C)];
+      }
+    return sum;
+  }
+
+ private:
+  float of_[levels * levels * levels];
 };
 
 int value_of(std::uint16_t cell, int channel) { return cell >> (8 - 4 * channel) & 15; }
 
-Product product_of(std::vector<std::uint16_t> cells) {
-  Product product;
-  for (std::uint16_t cell : cells)
-    for (int c = 0; c < 3; ++c) product.sets[c] = static_cast<std::uint16_t>(product.sets[c] | 1u << value_of(cell, c));
-  product.cells = std::move(cells);
-  return product;
-}
-
-struct Cut {
-  int gain = 0;
-  std::size_t product = 0;
+struct Product {
+  std::vector<std::uint16_t> cells;  // a << 8 | b << 4 | c
+  std::uint16_t sets[3] = {};
+  float cost = 0;
+  // the cut in two, at a value of one channel, that saves most
+  float gain = 0;
   int channel = 0, at = 0;
-};
 
-// The cut of one product in two, at a value of one channel, that saves most cells.
-Cut best_cut(const Product& product, std::size_t index) {
-  Cut best;
-  for (int channel = 0; channel < 3; ++channel) {
+  Product(std::vector<std::uint16_t> own, const Costs& costs) : cells(std::move(own)) {
+    for (std::uint16_t cell : cells)
+      for (int c = 0; c < 3; ++c) sets[c] = static_cast<std::uint16_t>(sets[c] | 1u << value_of(cell, c));
+    cost = costs(sets);
+    for (int c = 0; c < 3; ++c) find_cut(c, costs);
+  }
+
+ private:
+  void find_cut(int along, const Costs& costs) {
     std::uint16_t seen[levels][3] = {};  // of the cells with each value of the channel
-    for (std::uint16_t cell : product.cells)
+    for (std::uint16_t cell : cells)
       for (int c = 0; c < 3; ++c) {
-        std::uint16_t& set = seen[value_of(cell, channel)][c];
+        std::uint16_t& set = seen[value_of(cell, along)][c];
         set = static_cast<std::uint16_t>(set | 1u << value_of(cell, c));
       }
-    const auto volume = [&](int from, int to) {
-      unsigned sets[3] = {};
+    const auto cost_of = [&](int from, int to) {
+      std::uint16_t part[3] = {};
       for (int v = from; v < to; ++v)
-        for (int c = 0; c < 3; ++c) sets[c] |= seen[v][c];
-      return std::popcount(sets[0]) * std::popcount(sets[1]) * std::popcount(sets[2]);
+        for (int c = 0; c < 3; ++c) part[c] = static_cast<std::uint16_t>(part[c] | seen[v][c]);
+      return costs(part);
     };
-    for (int at = 1; at < levels; ++at) {
-      const int gain = product.volume() - volume(0, at) - volume(at, levels);
-      if (gain > best.gain) best = {gain, index, channel, at};
+    for (int v = 1; v < levels; ++v) {
+      const float saved = cost - cost_of(0, v) - cost_of(v, levels);
+      if (saved > gain) gain = saved, channel = along, at = v;
     }
   }
-  return best;
-}
+};
 
 std::vector<Product> cover(std::vector<std::uint16_t> cells) {
   std::vector<Product> products;
   if (cells.empty()) return products;
-  products.push_back(product_of(std::move(cells)));
+  const Costs costs(cells);
+  products.emplace_back(std::move(cells), costs);
   while (products.size() < most_products) {
-    Cut best;
-    for (std::size_t k = 0; k < products.size(); ++k) {
-      const Cut cut = best_cut(products[k], k);
-      if (cut.gain > best.gain) best = cut;
-    }
-    if (best.gain == 0) break;
+    Product& worst = *std::max_element(products.begin(), products.end(),
+                                       [](const Product& a, const Product& b) { return a.gain < b.gain; });
+    if (!(worst.gain > 0)) break;
     std::vector<std::uint16_t> low, high;
-    for (std::uint16_t cell : products[best.product].cells)
-      (value_of(cell, best.channel) < best.at ? low : high).push_back(cell);
-    products[best.product] = product_of(std::move(low));
-    products.push_back(product_of(std::move(high)));
+    for (std::uint16_t cell : worst.cells) (value_of(cell, worst.channel) < worst.at ? low : high).push_back(cell);
+    worst = Product(std::move(low), costs);
+    products.emplace_back(std::move(high), costs);
   }
   return products;
 }
@@ -582,8 +598,8 @@ ColorLookUp::ColorLookUp(const std::uint8_t* labels, unsigned bits, bool reverse
     for (int c = 0; c < 3; ++c)
       for (int v = 0; v < levels; ++v)
         if (products[k].sets[c] >> v & 1) {
-          std::uint8_t& admitted = sieve[reversed ? 2 - c : c][v];
-          admitted = static_cast<std::uint8_t>(admitted | 1u << k);
+          std::uint8_t& admitted = sieve[k / 8][reversed ? 2 - c : c][v];
+          admitted = static_cast<std::uint8_t>(admitted | 1u << k % 8);
         }
 }
 

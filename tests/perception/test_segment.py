@@ -14,7 +14,7 @@ from pieper.errors import ArrayError, PieperError, UnknownNameError
 from pieper.perception.color_table import ColorTable
 from pieper.perception.segment import LARGEST_SIDE, color_image, label_image, luma_chroma_labels, segment
 from tests.perception.check_segment import check, covariances_hold
-from tests.perception.discs import BACKGROUND, RED, TWO_COLORS, disc_frame
+from tests.perception.discs import BACKGROUND, RED, TWO_COLORS, coverage, disc_frame
 
 ORDERS = ("bgr", "rgb", "i420", "nv12", "yuyv")
 VIEWS = {
@@ -198,6 +198,28 @@ def test_a_neighbor_of_another_color_pulls_no_center():
             assert len(blobs) == 2
             errors.extend(nearest(blobs.centroid, centers) ** 2)
     assert np.sqrt(np.mean(errors)) <= ASKED[0]
+
+
+@pytest.mark.parametrize("beside", [(25, 25, 25), (220, 220, 220), (110, 150, 110)])
+def test_two_backgrounds_pull_no_center(beside):
+    # the disc lies on one thing, and another begins one to three pixels from it
+    rng = np.random.default_rng(4)
+    errors, plain_errors = [], []
+    for gap in (1.0, 2.0, 3.0):
+        for _ in range(8):
+            center = 40 + rng.uniform(-0.5, 0.5, 2)
+            angle = rng.uniform(-np.pi, np.pi)
+            y, x = np.mgrid[:80, :80]
+            away = (x - center[0]) * np.cos(angle) + (y - center[1]) * np.sin(angle)
+            other = np.clip(away - 11.5 - gap + 0.5, 0, 1)[..., None]
+            frame = np.array(BACKGROUND) * (1 - other) + other * np.array(beside)
+            cover = coverage(*center, 11.5, 80)[..., None]
+            image = np.rint(frame * (1 - cover) + cover * np.array(RED)).astype(np.uint8)
+            for refine, all_errors in ((True, errors), (False, plain_errors)):
+                blobs = segment(image, TWO_COLORS, min_area=50, refine=refine)
+                assert len(blobs) == 1
+                all_errors.append(np.linalg.norm(blobs.centroid[0] - center))
+    assert np.sqrt(np.mean(np.square(errors))) <= CENTER[0] < np.sqrt(np.mean(np.square(plain_errors)))
 
 
 def test_a_disc_cut_by_the_border_says_so():

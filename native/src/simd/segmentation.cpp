@@ -84,17 +84,22 @@ std::size_t changes_of(const ColorLookUp& look_up, const Pixels& pixels, std::si
   const Table table(look_up);
   const Shuffles shuffles;
   const __m256i low = _mm256_set1_epi8(15), zero = _mm256_setzero_si256();
-  __m256i sieve[3];
-  for (int c = 0; c < 3; ++c) sieve[c] = both(reinterpret_cast<const std::int8_t*>(look_up.sieve[c]));
+  __m256i sieve[2][3];
+  for (int k = 0; k < 2; ++k)
+    for (int c = 0; c < 3; ++c) sieve[k][c] = both(reinterpret_cast<const std::int8_t*>(look_up.sieve[k][c]));
   std::size_t count = 0, i = 0;
   for (; i < n; i += block) {
     if (i + block <= n) {
       __m256i bytes[3];
       shuffles.load(pixels, i, bytes);
-      __m256i admitted = _mm256_shuffle_epi8(sieve[0], _mm256_and_si256(_mm256_srli_epi16(bytes[0], 4), low));
-      for (int c = 1; c < 3; ++c)
-        admitted = _mm256_and_si256(
-            admitted, _mm256_shuffle_epi8(sieve[c], _mm256_and_si256(_mm256_srli_epi16(bytes[c], 4), low)));
+      for (__m256i& channel : bytes) channel = _mm256_and_si256(_mm256_srli_epi16(channel, 4), low);
+      __m256i admitted = zero;
+      for (int k = 0; k < 2; ++k) {
+        const __m256i first = _mm256_shuffle_epi8(sieve[k][0], bytes[0]),
+                      second = _mm256_shuffle_epi8(sieve[k][1], bytes[1]);
+        admitted = _mm256_or_si256(
+            admitted, _mm256_and_si256(_mm256_and_si256(first, second), _mm256_shuffle_epi8(sieve[k][2], bytes[2])));
+      }
       std::uint32_t candidates = ~static_cast<std::uint32_t>(_mm256_movemask_epi8(_mm256_cmpeq_epi8(admitted, zero)));
       if (candidates == 0 || std::popcount(candidates) <= crowded) {
         _mm256_storeu_si256(reinterpret_cast<__m256i*>(labels + i), zero);

@@ -5,8 +5,10 @@ The light is one gain for each channel, the same for all colours and the backgro
     log(value now) = log(value learned) + light + cast_channel + shift_colour
 
 From each frame it is fitted by least squares to the confirmed markers, with small casts and shifts preferred, and followed with a time
-constant. Markers that the model itself does not take for their colour tell nothing. The light and the cast have bounds; a colour's own
-shift is at most a quarter of the way to the nearest other colour, so that no two of them can meet.
+constant. Markers that the model itself does not take for their colour tell nothing, and what the learned spread of a colour explains
+is no change of the light: a robot that was learned in the glare and in the dark is still known there after an hour in the dark. The
+light and the cast have bounds; a colour's own shift is at most a quarter of the way to the nearest other colour, so that no two of them
+can meet.
 """
 
 from __future__ import annotations
@@ -37,6 +39,7 @@ _CORE = 0.6  # of a blob's radius: its rim is mixed with what is beside it
 _ROUND = 0.6  # circularity below which a blob is the edge of something, or several things; a box of 2 to 1 has 0.76
 _CLIPPED = 250  # grey level from which a channel may have been more
 _MOST_STEP = 0.3  # of a logarithm that one frame may ask for
+_KNOWN = 1.5  # Mahalanobis distance that the spread within and between captures explains
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,6 +214,7 @@ class LightAdaptation:
         now = np.array([seen[k] for k in rows])
         learned = np.maximum(np.exp(self._learned.means[rows]) - OFFSET, 1.0)
         away = np.log(np.maximum(now, 1.0) / learned)
+        away *= self._unexplained(rows, np.log(now + OFFSET) - self._learned.means[rows])
         before = self._light + self._cast
         away = before + np.clip(away - before, -_MOST_STEP, _MOST_STEP)
         # The variance of each: what a colour does by itself, and the noise now and then; a channel at its end tells nothing.
@@ -229,6 +233,7 @@ class LightAdaptation:
         """Move each colour by what the light leaves over, and keep all of them apart."""
         lit = LogChroma().lit(self._learned.means, self._light + self._cast)
         left = np.log(now + OFFSET) - lit[rows]
+        left *= self._unexplained(rows, left)
         trust = weight / (weight + 1.0 / _PRIOR_SHIFT**2)  # the noise of a dark channel is no shift
         self._shifts[rows] += share * (trust * left - self._shifts[rows])
         apart = np.linalg.norm(lit[:, None] - lit[None], axis=-1)
@@ -236,6 +241,12 @@ class LightAdaptation:
         most = np.minimum(self._most_shift, 0.25 * apart.min(axis=1))
         length = np.maximum(np.linalg.norm(self._shifts, axis=1), 1e-12)
         self._shifts *= np.minimum(1.0, most / length)[:, None]
+
+    def _unexplained(self, rows: list[int], away: FloatArray) -> FloatArray:
+        """The share of differences from the learned means, ``(k, 1)``, that the learned spread leaves over; all of a large one."""
+        inverse = np.linalg.inv(self._learned.covariances[rows])
+        d = np.sqrt(np.einsum("ki,kij,kj->k", away, inverse, away))
+        return np.asarray(1.0 - (_KNOWN / np.maximum(d, _KNOWN)) ** 2)[:, None]
 
     def _means(self) -> FloatArray:
         return LogChroma().lit(self._learned.means, self._light + self._cast) + self._shifts

@@ -163,10 +163,12 @@ class Board:
         """Where, along either axis, something may change [m]."""
         starts = np.arange(max(self.squares) + 1) * self.square
         if self.kind == "chessboard":
-            return starts
+            return np.asarray(starts, dtype=np.float64)
         side = self._markers[0].shape[1]
         within = (self.square - self.marker) / 2 + np.arange(side + 1) * (self.marker / side)
-        return np.unique(np.concatenate([starts, (starts[:-1, None] + within).reshape(-1)]))
+        return np.asarray(
+            np.unique(np.concatenate([starts, (starts[:-1, None] + within).reshape(-1)])), dtype=np.float64
+        )
 
     @cached_property
     def _markers(self) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:

@@ -53,6 +53,8 @@ _SIZES = (0.5, 1.7)  # radius of a blob over that of its marker
 _COMPACT = 0.4  # least circularity of a marker: a bar of 2 to 1 has 0.76, of 5 to 1 0.37; lines of a field have less
 _MISFIT = 1e-3  # probability of a misfit that is put down to what the covariances do not know
 _AREA_PACE = 0.05  # of what is learnt of the area of a marker, from one sight of it
+_UNIT_PACE = 0.05  # of what is learnt of the covariances, from one frame
+_UNITS = (0.1, 10.0)  # how far they may be off
 _CUT = 0.9  # radii by which the centroid of a disc moves that lost a half of its area and more, per share lost over share left
 _ROUNDS = 3  # of the search, the later ones among the blobs that are left
 
@@ -387,6 +389,7 @@ class _Candidates:
     """Which pattern, -1 if that is open."""
     score: FloatArray
     centre: NDArray[np.complex128]
+    turn: NDArray[np.complex128]
     scale: FloatArray
 
 
@@ -431,6 +434,8 @@ class PatternFinder:
         self._single = [r for r in patterns.robots if len(r.markers) == 1]
         self._areas = [np.full(len(shape.places), np.nan) for shape in self._shapes]
         self._scatter = [_AREA_NOISE**2 for _ in self._shapes]
+        self._unit = [1.0 for _ in self._shapes]
+        self._poses: list[dict[int, tuple[complex, complex, complex]]] = [{} for _ in self._shapes]
         self._count = {r.name: len(r.markers) for r in patterns.robots}
         self._tables: dict[tuple[str, ...], list[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]]] = {}
 
@@ -439,6 +444,7 @@ class PatternFinder:
         self.scale = 1.0 if self._metric else self._given
         for areas in self._areas:
             areas[:] = np.nan
+        self._poses = [{} for _ in self._shapes]
 
     def find(self, blobs: Blobs) -> tuple[Sighting, ...]:
         """Return the robots and the ball of one frame.
@@ -466,18 +472,24 @@ class PatternFinder:
 
     def _robots(self, blobs: Blobs, levels: _Levels, used: set[int], scale: float, *, learn: bool) -> list[Sighting]:
         chosen: list[tuple[_Candidates, int]] = []
-        for _ in range(_ROUNDS):
+        # First where the robots of the last frame must be by now, if they are there completely; then anywhere, among what is left.
+        for attempt in range(_ROUNDS + 1):
+            look_back = learn and attempt == 0
+            if look_back and not any(self._poses):
+                continue
             free = np.ones(len(blobs), dtype=bool)
             free[list(used)] = False
-            pools = [self._candidates(k, blobs, levels, free, scale) for k in range(len(self._shapes))]
+            pools = [self._candidates(k, blobs, levels, free, scale, look_back) for k in range(len(self._shapes))]
             new, again = self._choose([p for p in pools if p is not None], used, chosen)
             chosen += new
-            if not (new and again):
+            if not (look_back or (new and again)):
                 break
         found: list[tuple[float, Sighting]] = []
         scales: list[float] = []
         for k in range(len(self._shapes)):
             own = [(c, i) for c, i in chosen if c.shape == k]
+            if learn:
+                self._remember(k, own)
             if own:
                 found += self._fitted(k, own, levels, scale)
                 scales += [float(c.scale[i]) for c, i in own]
@@ -504,7 +516,7 @@ class PatternFinder:
         return self._tables[names]
 
     def _candidates(
-        self, k: int, blobs: Blobs, levels: _Levels, free: NDArray[np.bool_], scale: float
+        self, k: int, blobs: Blobs, levels: _Levels, free: NDArray[np.bool_], scale: float, look_back: bool
     ) -> _Candidates | None:
         shape = self._shapes[k]
         colors, place_colors, pair_colors = self._table(blobs.names)[k]
@@ -522,6 +534,9 @@ class PatternFinder:
         color = blobs.color[rows]
         slack = 0.0 if self._metric else _SCALE_SLACK
         gate = shape.gate * scale
+        if look_back:
+            blob = self._where_they_were(k, z, color, colors, gate)
+            return self._scored(k, rows, blob, z, levels, color, colors, scale) if len(blob) else None
 
         # Two blobs at the distance, and of the colours, of two places.
         near = np.abs(z[0][:, None] - z[0][None]) < shape.reach * scale * (1.0 + slack) + 2.0 * gate
@@ -562,6 +577,38 @@ class PatternFinder:
             return None
         blob = blob[_different(blob)]
         return self._scored(k, rows, blob, z, levels, color, colors, scale)
+
+    def _remember(self, k: int, chosen: list[tuple[_Candidates, int]]) -> None:
+        """Where each robot of a shape is, how it is turned, and how far it went since the last frame."""
+        before, now = self._poses[k], {}
+        for c, i in chosen:
+            which = int(c.pattern[i])
+            if which >= 0 and which not in now:
+                centre, turn = complex(c.centre[i]), complex(c.turn[i])
+                last = before.get(which)
+                now[which] = (centre, turn, centre - last[0] if last else 0j)
+        self._poses[k] = now
+
+    def _where_they_were(
+        self,
+        k: int,
+        z: NDArray[np.complex128],
+        color: NDArray[np.int64],
+        colors: NDArray[np.int64],
+        gate: float,
+    ) -> NDArray[np.int64]:
+        """Blobs of the robots of the last frame, moved on, of which every marker is there in its colour, ``(m, n)``."""
+        shape, poses = self._shapes[k], self._poses[k]
+        if not poses:
+            return np.zeros((0, len(shape.places)), dtype=np.int64)
+        centre, turn, step = np.array(list(poses.values())).T
+        expected = (centre + step)[:, None] + turn[:, None] * shape.places[None]
+        off = z[shape.level[None, :, None], np.arange(z.shape[1])] - expected[:, :, None]
+        square = off.real**2 + off.imag**2
+        square[color[None, None, :] != colors[list(poses)][:, :, None]] = np.inf
+        blob = square.argmin(axis=2)
+        blob = blob[(square.min(axis=2) < gate * gate).all(axis=1)]
+        return np.asarray(blob if len(np.unique(blob)) == blob.size else blob[:0])
 
     def _scored(
         self,
@@ -611,7 +658,7 @@ class PatternFinder:
         score = count - 0.5 * missing - 0.5 * error
         kept = np.where(mask, rows[blob], -1)
         pattern = np.where(open_name, -1, which)
-        return _Candidates(k, kept[stays], pattern[stays], score[stays], origin[stays], size[stays])
+        return _Candidates(k, kept[stays], pattern[stays], score[stays], origin[stays], turn[stays], size[stays])
 
     def _choose(
         self, pools: list[_Candidates], used: set[int], before: list[tuple[_Candidates, int]]
@@ -682,10 +729,17 @@ class PatternFinder:
         step = (covariance @ slope[..., None])[..., 0]
         origin = origin + step[:, 0] + 1j * step[:, 1]
         turn = turn * np.exp(1j * step[:, 2])
-        # A misfit that the covariances of the markers do not explain is laid on that of the robot (Birge's ratio).
+        # What the misfits of late say of the covariances of the centroids scales that of the pose (the variance of unit weight); a single
+        # misfit that this does not explain is laid on that robot (Birge's ratio).
         freedom = 2.0 * there.sum(axis=1) - 3.0
         misfit = sums[9] - (slope * step).sum(axis=1)
-        covariance *= np.where(misfit > chdtri(freedom, _MISFIT), misfit / freedom, 1.0)[:, None, None]
+        unit = self._unit[k]
+        odd = misfit > unit * chdtri(freedom, _MISFIT)
+        covariance *= np.where(odd, misfit / freedom, unit)[:, None, None]
+        plain = ~odd & (freedom > 0) & ~cut.any(axis=1)
+        if plain.any():
+            told = float(misfit[plain].sum() / freedom[plain].sum())
+            self._unit[k] = float(np.clip(unit + _UNIT_PACE * (told - unit), *_UNITS))
         near = np.exp(-2.0 * (np.abs(off) / (shape.gate * scale)) ** 2)
         confidence = (near * there).sum(axis=1) / len(shape.places)
         found = []

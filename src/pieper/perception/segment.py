@@ -4,11 +4,12 @@ Each pixel's label is looked up in a `ColorTable`; pixels of one label that touc
 by runs along the rows and a union-find over them; its moments are sums over its runs, in integers. Then the centroid is refined: a table cuts
 the soft edge of a marker at some threshold, and what an edge pixel really has of the marker is measured from its colour.
 
-With ``m`` the mean inside a blob, ``b`` the mean of what is around it, and ``p`` a pixel of the edge::
+With ``m`` the mean inside a blob, ``b`` the mean of what is around it, ``S`` the spread of both, and ``p`` a pixel of the edge::
 
-    coverage = (p - b) . (m - b) / |m - b|^2,    centroid = sum coverage (x, y) / sum coverage
+    coverage = (p - b) . d,    d = S^-1 (m - b) / ((m - b)' S^-1 (m - b)),    centroid = sum coverage (x, y) / sum coverage
 
-Whole pixels inside have coverage 1, those away from the edge 0.
+Fisher's direction ``d`` is across what differs within the surroundings, such as a robot and the carpet beside it. Whole pixels inside have
+coverage 1, those away from the edge 0.
 """
 
 from __future__ import annotations
@@ -104,6 +105,8 @@ def segment(
 
     References
     ----------
+    Fisher, "The use of multiple measurements in taxonomic problems", Annals of Eugenics 1936: the direction between two classes.
+
     Bruce, Balch, Veloso, "Fast and inexpensive color image segmentation for interactive robots", IROS 2000: table, runs and union-find.
 
     Examples
