@@ -53,6 +53,8 @@ _SIZES = (0.5, 1.7)  # radius of a blob over that of its marker
 _COMPACT = 0.4  # least circularity of a marker: a bar of 2 to 1 has 0.76, of 5 to 1 0.37; lines of a field have less
 _MISFIT = 1e-3  # probability of a misfit that is put down to what the covariances do not know
 _AREA_PACE = 0.05  # of what is learnt of the area of a marker, from one sight of it
+_UNIT_PACE = 0.05  # of what is learnt of the covariances, from one frame
+_UNITS = (0.1, 10.0)  # how far they may be off
 _CUT = 0.9  # radii by which the centroid of a disc moves that lost a half of its area and more, per share lost over share left
 _ROUNDS = 3  # of the search, the later ones among the blobs that are left
 
@@ -432,6 +434,7 @@ class PatternFinder:
         self._single = [r for r in patterns.robots if len(r.markers) == 1]
         self._areas = [np.full(len(shape.places), np.nan) for shape in self._shapes]
         self._scatter = [_AREA_NOISE**2 for _ in self._shapes]
+        self._unit = [1.0 for _ in self._shapes]
         self._poses: list[dict[int, tuple[complex, complex, complex]]] = [{} for _ in self._shapes]
         self._count = {r.name: len(r.markers) for r in patterns.robots}
         self._tables: dict[tuple[str, ...], list[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]]] = {}
@@ -726,10 +729,17 @@ class PatternFinder:
         step = (covariance @ slope[..., None])[..., 0]
         origin = origin + step[:, 0] + 1j * step[:, 1]
         turn = turn * np.exp(1j * step[:, 2])
-        # A misfit that the covariances of the markers do not explain is laid on that of the robot (Birge's ratio).
+        # What the misfits of late say of the covariances of the centroids scales that of the pose (the variance of unit weight); a single
+        # misfit that this does not explain is laid on that robot (Birge's ratio).
         freedom = 2.0 * there.sum(axis=1) - 3.0
         misfit = sums[9] - (slope * step).sum(axis=1)
-        covariance *= np.where(misfit > chdtri(freedom, _MISFIT), misfit / freedom, 1.0)[:, None, None]
+        unit = self._unit[k]
+        odd = misfit > unit * chdtri(freedom, _MISFIT)
+        covariance *= np.where(odd, misfit / freedom, unit)[:, None, None]
+        plain = ~odd & (freedom > 0) & ~cut.any(axis=1)
+        if plain.any():
+            told = float(misfit[plain].sum() / freedom[plain].sum())
+            self._unit[k] = float(np.clip(unit + _UNIT_PACE * (told - unit), *_UNITS))
         near = np.exp(-2.0 * (np.abs(off) / (shape.gate * scale)) ** 2)
         confidence = (near * there).sum(axis=1) / len(shape.places)
         found = []

@@ -123,7 +123,7 @@ class TrackerParameters:
     def metres(cls) -> TrackerParameters:
         """Return what fits robots of a small league, of some m/s and some m/s^2."""
         return cls(
-            robot=Motion(0.01, 2.0, jolt=10.0, turn_jolt=1000.0),
+            robot=Motion(0.005, 2.0, turn_acceleration=0.2, jolt=10.0, turn_jolt=1000.0),
             ball=Motion(0.05, 3.0, jolt=500.0),
             marker=Motion(0.05, 2.0, jolt=10.0),
         )
@@ -347,12 +347,13 @@ class Tracker:
         """Minus log-likelihood of each pair, up to a constant that makes it negative; 0 where the two cannot be the same."""
         d = seen.z[None, columns] - self._x[rows, None, :3]
         S = self._P[rows, None, :3, :3] + seen.R[None, columns]
-        S[..., (0, 1, 2), (0, 1, 2)] += self._jolted(rows, self._same_name(rows, columns, seen))
+        may_match, same = self._by_name(rows, columns, seen)
+        S[..., (0, 1, 2), (0, 1, 2)] += self._jolted(rows, same)
         a, b, c = S[..., 0, 0], S[..., 0, 1], S[..., 1, 1]
         area = a * c - b * b
         distance = (c * d[..., 0] ** 2 - 2.0 * b * d[..., 0] * d[..., 1] + a * d[..., 1] ** 2) / area
         cost = distance + np.log(area) - self._limits[1]
-        fits = (distance <= self._limits[2]) & self._may_match(rows, columns, seen)
+        fits = (distance <= self._limits[2]) & may_match
         known = np.array([self._tracks[i].heading for i in rows])
         turned = fits & known[:, None] & seen.heading[None, columns]
         fits &= turned | (distance <= self._limits[1])
@@ -366,7 +367,7 @@ class Tracker:
             fits[turned] = full <= self._limits[2]
         if not fits.any():
             return np.zeros_like(cost)
-        bonus = np.where(self._same_name(rows, columns, seen), 1e3, 0.0)
+        bonus = np.where(same, 1e3, 0.0)
         return np.asarray(np.where(fits, cost - cost[fits].max() - 1.0 - bonus, 0.0))
 
     def _jolted(self, rows: NDArray[np.int64], same: NDArray[np.bool_]) -> FloatArray:
@@ -378,16 +379,17 @@ class Tracker:
         since = np.where(same, np.maximum(unseen, self._dt)[:, None], self._dt)
         return np.asarray(self._jolt[rows, None] * (since[..., None] ** 3 / 3.0))
 
-    def _may_match(self, rows: NDArray[np.int64], columns: NDArray[np.int64], seen: _Measured) -> NDArray[np.bool_]:
+    def _by_name(
+        self, rows: NDArray[np.int64], columns: NDArray[np.int64], seen: _Measured
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which pairs kind and name allow, and which have the one name that both alone can have."""
         tracks = [self._tracks[i] for i in rows]
-        kinds = np.array([t.kind for t in tracks])[:, None] == seen.kinds[None, columns]
         names = np.array([t.name or "" for t in tracks])[:, None]
         others = seen.names[None, columns]
-        return np.asarray(kinds & ((names == others) | (names == "") | (others == "")))
-
-    def _same_name(self, rows: NDArray[np.int64], columns: NDArray[np.int64], seen: _Measured) -> NDArray[np.bool_]:
-        names = np.array([t.name if t.unique and t.name else "" for t in (self._tracks[i] for i in rows)])[:, None]
-        return np.asarray((names != "") & (names == seen.names[None, columns]))
+        kinds = np.array([t.kind for t in tracks])[:, None] == seen.kinds[None, columns]
+        equal = kinds & (names == others)
+        unique = np.array([t.unique for t in tracks])[:, None]
+        return np.asarray(equal | (kinds & ((names == "") | (others == "")))), np.asarray(equal & unique)
 
     # --- what is seen
 
