@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
@@ -63,6 +63,7 @@ def test_exact_blobs_give_the_exact_robots_and_the_ball(patterns, seed):
 
 @settings(max_examples=8, deadline=None)
 @given(st.integers(0, 2**32 - 1))
+@example(371)  # two patches that look like the ball, equally well
 def test_the_order_of_blobs_does_not_matter(seed):
     rng = np.random.default_rng(seed)
     view = overhead()

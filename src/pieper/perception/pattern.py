@@ -56,6 +56,7 @@ _AREA_PACE = 0.05  # of what is learnt of the area of a marker, from one sight o
 _UNIT_PACE = 0.05  # of what is learnt of the covariances, from one frame
 _UNITS = (0.1, 10.0)  # how far they may be off
 _CUT = 0.9  # radii by which the centroid of a disc moves that lost a half of its area and more, per share lost over share left
+_EQUAL = 1e-9  # relative difference of scores that is rounding
 _ROUNDS = 3  # of the search, the later ones among the blobs that are left
 
 
@@ -299,7 +300,7 @@ def lone_markers(blobs: Blobs, view: View, follow: Mapping[str, Follow]) -> tupl
             else np.zeros(0, dtype=np.int64)
         )
         if which == "largest" and len(own):
-            own = own[[int(np.argmax(blobs.area[own]))]]
+            own = own[[_surest(blobs.area[own], blobs.centroid[own])]]
         rows += own.tolist()
     if not rows:
         return ()
@@ -821,7 +822,7 @@ class PatternFinder:
             if marker.color in blobs.names:
                 own = [int(r) for r in np.flatnonzero(blobs.color == blobs.names.index(marker.color)) if r not in used]
             if own:
-                row = max(own, key=lambda r: blobs.area[r])
+                row = own[_surest(blobs.area[own], blobs.centroid[own])]
                 z, cov = levels.places(marker.height)[row], levels.covariances(marker.height)[row]
                 if np.isfinite(z):
                     used.add(row)
@@ -846,7 +847,7 @@ class PatternFinder:
         fit = np.where(np.isfinite(z), fit, 0.0)
         if not len(own) or fit.max() <= 0:
             return []
-        best = int(fit.argmax())
+        best = _surest(fit, blobs.centroid[own])
         row = int(own[best])
         used.add(row)
         where, covariance = z[best], levels.covariances(ball.radius)[row]
@@ -932,6 +933,12 @@ def _different(rows: NDArray[np.int64]) -> NDArray[np.int64]:
     weights = np.array([pow(1_000_003, k + 1, 2**61 - 1) for k in range(rows.shape[1])], dtype=np.uint64)
     keys = ((rows + 2).astype(np.uint64) * weights).sum(axis=1, dtype=np.uint64)
     return np.sort(np.unique(keys, return_index=True)[1])
+
+
+def _surest(score: FloatArray, place: FloatArray) -> int:
+    """Index of the greatest score; of those that are equal up to rounding the uppermost, so that the order of blobs does not matter."""
+    best = np.flatnonzero(score >= score.max() - _EQUAL * abs(score.max()))
+    return int(best[np.lexsort((place[best, 0], place[best, 1]))[0]])
 
 
 def _named_once(robots: list[Sighting], count: Mapping[str, int], used: set[int]) -> list[Sighting]:
