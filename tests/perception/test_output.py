@@ -18,6 +18,7 @@ from pieper.errors import MissingExtraError, PieperWarning, VisionError
 from pieper.perception import output
 from pieper.perception.estimate import Estimate
 from pieper.perception.output import COLUMNS, VideoFile, continue_tracks, create_tracks, read_tracks
+from pieper.perception.source import probe
 from pieper.perception.stream import Stream
 
 FORMATS = ["csv", "jsonl", "parquet"]
@@ -263,3 +264,58 @@ def test_who_is_slow_misses_the_oldest():
         stream.publish(n)
     stream.close()
     assert list(values) == [3, 4]
+
+
+class FullDisk:
+    """OpenCV's writer, on a disk that holds only the first bytes; like it, it says nothing."""
+
+    def __init__(self, path, *_):
+        self._path = path
+
+    def isOpened(self):
+        return True
+
+    def write(self, image):
+        pass
+
+    def release(self):
+        with open(self._path, "wb") as file:
+            file.write(b"\0\0\0\x20ftypisom")
+
+
+def test_a_video_that_did_not_fit_on_the_disk_is_an_error_and_no_file(tmp_path, monkeypatch):
+    film = VideoFile(tmp_path / "a.mp4", fps=30)
+    monkeypatch.setattr(cv2, "VideoWriter", type("Writer", (FullDisk,), {}))
+    monkeypatch.setattr(cv2, "VideoWriter_fourcc", lambda *_: 0, raising=False)
+    for _ in range(3):
+        film.write(np.zeros((48, 64, 3), np.uint8))
+    with pytest.raises(VisionError, match=r"a\.mp4 cannot be written: 0 of 3 frames are in the file; is the disk full"):
+        film.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".avi"])
+@pytest.mark.parametrize(("count", "fps"), [(1, 30.0), (7, 0.5), (50, 29.97), (40, 240.0)])
+def test_every_frame_of_a_video_is_in_its_file(tmp_path, suffix, count, fps):
+    film = VideoFile(tmp_path / f"a{suffix}", fps=fps)
+    for n in range(count):
+        film.write(np.full((32, 48, 3), n, np.uint8))
+    film.close()
+    assert probe(film.path).frames == count
+
+
+def test_a_disk_that_is_full_is_said_with_the_name_of_the_table(tmp_path):
+    table = create_tracks(tmp_path / "a.csv", unit="px")
+
+    class Full:
+        def write(self, raw):
+            raise OSError(28, "No space left on device")
+
+        def close(self):
+            pass
+
+    table._file.close()
+    table._file = Full()
+    with pytest.raises(OSError, match="No space left") as caught:
+        table.write(0, 0.0, ())
+    assert caught.value.filename == str(tmp_path / "a.csv")

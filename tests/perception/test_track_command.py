@@ -186,7 +186,7 @@ def test_the_video_that_is_tracked_is_not_written_over(run, room, monkeypatch):
     monkeypatch.chdir(room)
     code, _, err = run("--video", "discs.avi")
     assert code == 2
-    assert "is the video that is tracked; it would be lost" in err
+    assert "is what is read; it would be lost" in err
     assert (room / "discs.avi").read_bytes() == before
 
 

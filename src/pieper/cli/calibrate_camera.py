@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from pieper.cli.outputs import keep_apart
 from pieper.cli.show import console
 from pieper.errors import VisionError
 
@@ -62,6 +63,7 @@ def calibrate_camera(
         raise VisionError("give images, a folder or a video that show the board; --draw FILE makes a board to print")
     if picture is not None and picture.suffix.lower() not in (".png", ".jpg", ".jpeg"):
         raise VisionError(f"--picture must end in .png or .jpg, got {str(picture)!r}")
+    keep_apart(sources, {"--out": out, "--picture": picture})
     with progress_bar("images") as progress:
         found = find_views(sources, shown, most=most, progress=progress)
     result = calibrate(found, shown, coefficients=distortion)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pieper.cli.outputs import keep_apart
 from pieper.cli.show import console
 from pieper.errors import VisionError
 
@@ -72,6 +73,7 @@ def calibrate_field(
         raise VisionError("--tags needs no --corner; give one of them")
     if picture is not None and picture.suffix.lower() not in (".png", ".jpg", ".jpeg"):
         raise VisionError(f"--picture must end in .png or .jpg, got {str(picture)!r}")
+    keep_apart([source, camera, lines, tags], {"--out": out, "--picture": picture})
     lens = None if camera is None else load_camera(camera)
     if lens is not None and (camera_height is not None or radial is not None):
         raise VisionError("--camera tells the lens; --camera-height and --radial are for a lens that is not known")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pieper.cli.outputs import keep_apart
 from pieper.errors import PieperError, VisionError
 
 if TYPE_CHECKING:
@@ -68,6 +69,8 @@ def learn_colour(
     from pieper.perception.source import probe, read_frames
     from pieper.perception.yaml_file import write_yaml
 
+    keep_apart([video], {"--out": out, "--save-rois": save_rois, "--preview": preview})
+    keep_apart([rois], {"--out": out, "--preview": preview})  # boxes that were corrected may replace those before
     names, draw = [], {}
     for word in color or ():
         name, equals, how = word.partition("=")

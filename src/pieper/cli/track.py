@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pieper.cli.outputs import keep_apart
 from pieper.cli.show import console
 from pieper.errors import VisionError, unknown_name
 
@@ -104,7 +105,8 @@ def track(
     quiet()
     if method not in METHODS:
         raise unknown_name("method", method, METHODS)
-    _check_files(source, out, video, resume)
+    keep_apart([source, colors, field, patterns], {"--out": out, "--video": video})
+    _check_files(out, video, resume)
     model, tracker, view, heights = _tracker(
         colors, field, patterns, ball, largest or [], within, method=method, adapt=adapt, tracked=source
     )
@@ -149,16 +151,14 @@ def track(
     return 0
 
 
-def _check_files(source: str, out: Path | None, video: Path | None, resume: bool) -> None:
+def _check_files(out: Path | None, video: Path | None, resume: bool) -> None:
     from pieper.perception.output import table_path, video_path
 
     if resume and out is None:
         raise VisionError("--resume goes on with a table; name it by --out")
-    for option, path, check in (("--out", out, table_path), ("--video", video, video_path)):
+    for path, check in ((out, table_path), (video, video_path)):
         if path is not None:
             check(path)
-            if path.exists() and Path(source).exists() and path.samefile(source):
-                raise VisionError(f"{option} {path} is the video that is tracked; it would be lost")
 
 
 def _tracker(
@@ -319,7 +319,8 @@ def _print_summary(summary: Summary, out: Path | None, video: Path | None, unit:
         return
     say = console().print
     tracks = "1 track" if len(summary.tracks) == 1 else f"{len(summary.tracks)} tracks"
-    line = f"{summary.frames} frames in {summary.seconds:.2f} s, {summary.fps:.0f} fps; {summary.dropped} dropped; {tracks}"
+    frames = "1 frame" if summary.frames == 1 else f"{summary.frames} frames"
+    line = f"{frames} in {summary.seconds:.2f} s, {summary.fps:.0f} fps; {summary.dropped} dropped; {tracks}"
     say(line, markup=False, soft_wrap=True)
     stages = ", ".join(f"{stage} {spent:.2f}" for stage, spent in summary.milliseconds.items())
     say(f"ms a frame: {stages}", markup=False, soft_wrap=True)

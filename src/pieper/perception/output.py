@@ -26,7 +26,7 @@ import io
 import json
 import math
 import secrets
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from itertools import groupby
@@ -38,7 +38,7 @@ from pieper.perception.opencv import opencv
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from pieper.perception.estimate import Estimate
     from pieper.perception.frame import Image
@@ -254,7 +254,7 @@ class _Lines:
     """CSV and JSON lines: a frame is written at once, and passed on to the system at once."""
 
     def __init__(self, path: Path, head: dict[str, str], suffix: str, keep: int | None) -> None:
-        self._csv = suffix == ".csv"
+        self._csv, self._path = suffix == ".csv", path
         self._file: BinaryIO
         if keep is None:
             self._file = path.open("wb")
@@ -280,8 +280,9 @@ class _Lines:
         self._put(text.getvalue())
 
     def _put(self, text: str) -> None:
-        self._file.write(text.encode())
-        self._file.flush()
+        with _named(self._path):
+            self._file.write(text.encode())
+            self._file.flush()
 
     def close(self) -> None:
         self._file.close()
@@ -300,7 +301,8 @@ class _Parquet:
         self._schema = arrow.schema([(c, kinds[c]) for c in COLUMNS], metadata={"pieper": json.dumps(head)})
         self._arrow, self._path, self._rows = arrow, path, list(kept)
         self._unfinished = _beside(path)
-        self._writer = parquet.ParquetWriter(str(self._unfinished), self._schema)
+        with _named(path):
+            self._writer = parquet.ParquetWriter(str(self._unfinished), self._schema)
 
     def write(self, index: int, time: float, estimates: Iterable[Estimate]) -> None:
         self._rows += track_rows(index, time, estimates)
@@ -309,14 +311,16 @@ class _Parquet:
 
     def _flush(self) -> None:
         columns = {c: [getattr(row, c) for row in self._rows] for c in COLUMNS}
-        self._writer.write_table(self._arrow.table(columns, schema=self._schema))
+        with _named(self._path):
+            self._writer.write_table(self._arrow.table(columns, schema=self._schema))
         self._rows.clear()
 
     def close(self) -> None:
         if self._unfinished.exists():
             try:
                 self._flush()
-                self._writer.close()
+                with _named(self._path):
+                    self._writer.close()
                 self._unfinished.replace(self._path)
             finally:
                 self._unfinished.unlink(missing_ok=True)
@@ -356,6 +360,8 @@ class VideoFile:
         """
         cv2 = opencv("writing a video")
         if self._writer is None:
+            with _named(self.path):
+                self._unfinished.touch()  # tells why, if it cannot
             code = cv2.VideoWriter_fourcc(*("mp4v" if self.path.suffix.lower() == ".mp4" else "MJPG"))
             size = (image.shape[1], image.shape[0])
             self._writer = cv2.VideoWriter(str(self._unfinished), cv2.CAP_FFMPEG, code, self._fps, size)
@@ -366,12 +372,23 @@ class VideoFile:
         self.frames += 1
 
     def close(self) -> None:
-        """Finish the file; without frames there is none."""
+        """Finish the file; without frames there is none.
+
+        Raises
+        ------
+        VisionError
+            Frames are missing in it, most likely because the disk is full: OpenCV does not tell when it cannot write.
+        """
         if self._writer is None:
             return
         try:
             self._writer.release()
             self._writer = None
+            held = _frames_in(self._unfinished)
+            if held < self.frames:
+                raise VisionError(
+                    f"{self.path} cannot be written: {held} of {self.frames} frames are in the file; is the disk full?"
+                )
             self._unfinished.replace(self.path)
         finally:
             self._unfinished.unlink(missing_ok=True)
@@ -379,6 +396,26 @@ class VideoFile:
 
 def _beside(path: Path) -> Path:
     return path.with_name(f".{path.stem}.{secrets.token_hex(4)}.unfinished{path.suffix}")
+
+
+def _frames_in(video: Path) -> int:
+    """How many frames a video says that it holds; 0 if it cannot be read."""
+    cv2 = opencv("writing a video")
+    capture = cv2.VideoCapture(str(video), cv2.CAP_FFMPEG)
+    try:
+        return int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) if capture.isOpened() else 0
+    finally:
+        capture.release()
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """An error of the system names the file that is wanted, not one beside it, or none."""
+    try:
+        yield
+    except OSError as error:
+        error.filename = str(path)
+        raise
 
 
 def _short(value: Any) -> float | None:

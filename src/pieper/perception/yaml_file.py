@@ -399,8 +399,9 @@ def write_text(path: str | Path, text: str) -> None:
 def write_bytes(path: str | Path, raw: bytes) -> None:
     """Write a file, whole or not at all: beside it under another name first, then in its place."""
     path = Path(path)
-    handle, beside = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+    beside = None
     try:
+        handle, beside = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
         with os.fdopen(handle, "wb") as file:
             file.write(raw)
             file.flush()
@@ -409,7 +410,10 @@ def write_bytes(path: str | Path, raw: bytes) -> None:
         os.umask(mask)
         Path(beside).chmod(0o666 & ~mask)  # mkstemp gives a file to its owner alone
         Path(beside).replace(path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            Path(beside).unlink()
+    except BaseException as error:
+        if beside is not None:
+            with contextlib.suppress(OSError):
+                Path(beside).unlink()
+        if isinstance(error, OSError) and error.errno:
+            error.filename = str(path)  # the file that was wanted, not the one beside it
         raise
