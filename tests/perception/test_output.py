@@ -7,6 +7,7 @@ import json
 import sys
 import threading
 from collections import defaultdict
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -279,8 +280,7 @@ class FullDisk:
         pass
 
     def release(self):
-        with open(self._path, "wb") as file:
-            file.write(b"\0\0\0\x20ftypisom")
+        Path(self._path).write_bytes(b"\0\0\0\x20ftypisom")
 
 
 def test_a_video_that_did_not_fit_on_the_disk_is_an_error_and_no_file(tmp_path, monkeypatch):

@@ -172,3 +172,10 @@ def test_mutated_files_are_read_or_refused_and_nothing_else():
         except PieperError:
             continue
         touch_everything(section, draw)
+
+
+@pytest.mark.parametrize("text", ["a: &x [1]\nb: *x\n", "a: " + "[" * 99, "a: 1\n---\nb: 2\n"])
+def test_what_is_refused_names_file_and_line_once(text):
+    with pytest.raises(VisionError) as caught:
+        parse_yaml(text.encode(), "x.yaml")
+    assert str(caught.value).count("x.yaml, line") == 1

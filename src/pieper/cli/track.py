@@ -146,7 +146,8 @@ def track(
             stack.close()
             _print_summary(summary, out, film.path if film is not None and film.frames else None, view.unit, tracker)
     if stopped:
-        typer.secho(f"pieper: interrupted{'; --resume goes on from here' if out is not None else ''}", err=True)
+        if out is not None:
+            typer.secho("pieper: --resume goes on from here", err=True)
         return _INTERRUPTED
     return 0
 

@@ -425,6 +425,20 @@ def _from_yaml(file: Section) -> ColorModel:
     said = file.text("format", FORMAT)
     if said != FORMAT:
         raise file.error("format", f"must be {FORMAT!r}, got {said!r}")
+    file.only(
+        "format",
+        "space",
+        "threshold",
+        "share_inside",
+        "light",
+        "cast",
+        "odds",
+        "colors",
+        "background",
+        "regions",
+        "learned",
+        "validation",
+    )
     colors = file.section("colors")
     if not len(colors):
         raise file.error("colors", "must have one colour at least")

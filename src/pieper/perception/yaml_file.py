@@ -309,6 +309,8 @@ def parse_yaml(raw: bytes, name: str) -> Section:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         raise VisionError(f"{name}, line {mark.line + 1 if mark else 1}: {error.problem or error.context}") from None
+    except VisionError:
+        raise
     except (yaml.YAMLError, ValueError) as error:  # characters that YAML forbids
         position = getattr(error, "position", None)
         line = text.count("\n", 0, position) + 1 if isinstance(position, int) else 1
