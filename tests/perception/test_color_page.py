@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import http.client
 import json
+import socket
+import struct
 import threading
 from urllib.parse import urlsplit
 
@@ -133,6 +135,8 @@ def test_strangers_cannot_write(page, path):
         ({"body": {"regions": [{**row(box("red")), "x": True}]}}, 400, b"must have whole numbers"),
         ({"body": {"regions": [{**row(box("red")), "x": 1e99}]}}, 400, b"must have whole numbers"),
         ({"body": {"regions": [{**row(box("red")), "color": ""}]}}, 400, b"must have a colour"),
+        ({"body": {"regions": [{**row(box("red")), "color": "\ud800"}]}}, 400, b"must have a colour"),
+        ({"body": {"regions": [{**row(box("red")), "color": "a\nb"}]}}, 400, b"must have a colour"),
         ({"body": {"regions": [{**row(box("red")), "width": 0}]}}, 400, b"is empty"),
         ({"body": {"regions": [{**row(box("red")), "x": 5000}]}}, 400, b"reaches beyond"),
         ({"body": {"regions": [{**row(box("red")), "frame": 3}]}}, 400, b"not valid frame number: 3"),
@@ -170,6 +174,24 @@ def test_A4_done_gives_the_boxes_to_who_waits(page):
         0.05, ask, (page, "/done"), {"body": {"regions": [row(box("red")), row(box("blue", 1, 2))]}}
     ).start()
     assert page.wait(PATIENCE) == [box("red"), box("blue", 1, 2)]
+
+
+def test_of_two_windows_the_first_that_is_done_counts(page):
+    assert ask(page, "/done", body={"regions": [row(box("red"))]})[0] == 200
+    status, text, _ = ask(page, "/done", body={"regions": [row(box("blue", 1, 2))]})
+    assert (status, b"taken already" in text) == (400, True)
+    assert page.wait(PATIENCE) == [box("red")]
+
+
+def test_a_window_that_is_closed_before_its_answer_is_passed_over(page, capsys):
+    where = urlsplit(page.url)
+    for _ in range(5):
+        with socket.create_connection((where.hostname, where.port)) as line:
+            line.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # reset when closed
+            line.sendall(f"GET /?{where.query} HTTP/1.1\r\nHost: {where.netloc}\r\n\r\n".encode())
+    assert ask(page, "/state")[0] == 200
+    page.close()
+    assert "Traceback" not in capsys.readouterr().err
 
 
 def test_frames_of_a_video_are_those_of_their_number_in_any_order(tmp_path):

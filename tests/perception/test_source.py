@@ -5,9 +5,11 @@ from __future__ import annotations
 import io
 import os
 import socket
+import struct
 import threading
 import time
 import warnings
+import zlib
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 
 import cv2
@@ -15,6 +17,8 @@ import numpy as np
 import pytest
 
 from pieper.errors import PieperWarning, VisionError
+from pieper.perception import reader
+from pieper.perception.calibration import read_image
 from pieper.perception.frame import Frame
 from pieper.perception.reader import LiveReader
 from pieper.perception.source import open_source, probe, read_frame, read_frames
@@ -339,6 +343,41 @@ def test_motion_jpeg_of_a_pipe():
     broken = pictures[0] + b"\xff\xd8 damaged \xff\xd9" + pictures[2]
     with pytest.warns(PieperWarning, match=r"a JPEG of .* cannot be decoded and is left out"):
         assert [number_in(f.image) for f in frames_of(io.BytesIO(broken))] == [0, 2]
+
+
+def test_motion_jpeg_without_an_end_does_not_fill_the_memory(monkeypatch):
+    monkeypatch.setattr(reader, "_LARGEST_JPEG", 100_000)
+
+    class Endless(io.BytesIO):
+        given = 0
+
+        def read(self, count):
+            self.given += count
+            return (b"\xff\xd8" if self.given == count else b"") + bytes(count) if self.given < 2_000_000 else b""
+
+    held = []
+    take = reader._Pipe.take
+    monkeypatch.setattr(reader._Pipe, "take", lambda self, count: held.append(len(self._held)) or take(self, count))
+    with (
+        pytest.warns(PieperWarning, match=r"a JPEG of \d+ bytes cannot be decoded"),
+        pytest.raises(VisionError, match="holds no frames"),
+    ):
+        frames_of(Endless())
+    assert max(held) < 300_000
+
+
+def test_an_image_that_claims_more_pixels_than_there_is_memory_is_left_out(tmp_path):
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    size = struct.pack(">IIBBBBB", 60000, 60000, 8, 2, 0, 0, 0)
+    bomb = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", size) + chunk(b"IDAT", zlib.compress(b"")) + chunk(b"IEND", b"")
+    (tmp_path / "0.png").write_bytes(bomb)
+    cv2.imwrite(str(tmp_path / "1.png"), numbered(7))
+    with pytest.warns(PieperWarning, match=r"frame 0, 0\.png, cannot be read as an image; it is left out"):
+        assert [number_in(f.image) for f in frames_of(tmp_path)] == [7]
+    with pytest.raises(VisionError, match=r"0\.png: is no image that OpenCV can read"):
+        read_image(tmp_path / "0.png")
 
 
 @pytest.mark.parametrize("pixels", ["yuv420p", "yuv422p", "yuv444p", "gray"])

@@ -22,7 +22,7 @@ from pieper._version import __version__
 from pieper.errors import VisionError
 from pieper.perception.calibration_file import COEFFICIENTS, save_camera
 from pieper.perception.camera import Camera
-from pieper.perception.opencv import opencv
+from pieper.perception.opencv import decode_image, opencv
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -513,9 +513,7 @@ def read_image(path: str | Path) -> Image:
     VisionError
         It is no image.
     """
-    cv2 = opencv("reading images")
-    raw = np.frombuffer(Path(path).read_bytes(), dtype=np.uint8)
-    image = cv2.imdecode(raw, cv2.IMREAD_COLOR) if raw.size else None
+    image = decode_image(np.frombuffer(Path(path).read_bytes(), dtype=np.uint8))
     if image is None:
         raise VisionError(f"{path}: is no image that OpenCV can read")
     return np.asarray(image)

@@ -13,6 +13,7 @@ import re
 import secrets
 import threading
 from collections import OrderedDict
+from contextlib import suppress
 from dataclasses import asdict
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
@@ -79,7 +80,7 @@ class ColorPage:
         self._token = secrets.token_urlsafe(32)
         self._picked: list[Region] | None = None
         self._ended = threading.Event()
-        self._learning = threading.Lock()
+        self._learning, self._taking = threading.Lock(), threading.Lock()
         page = self
 
         class Handler(_Handler):
@@ -159,8 +160,11 @@ class ColorPage:
             raise VisionError("there are no boxes yet; drag one on a marker")
         for region in regions:
             region.cut(self._frames[region.frame])
-        self._picked = regions
-        self._ended.set()
+        with self._taking:
+            if self._ended.is_set():
+                raise VisionError("boxes were taken already, perhaps from another window; this one can be closed")
+            self._picked = regions
+            self._ended.set()
 
 
 class _Frames:
@@ -284,6 +288,10 @@ class _Handler(BaseHTTPRequestHandler):
         self._send(code, "text/plain; charset=utf-8", reason.encode())
 
     def _send(self, code: int, kind: str, body: bytes) -> None:
+        with suppress(ConnectionError):  # a page that was closed, or stepped on, does not wait for its answer
+            self._write(code, kind, body)
+
+    def _write(self, code: int, kind: str, body: bytes) -> None:
         self.send_response(code)
         for key, value in {**_HEADERS, "Content-Type": kind, "Content-Length": str(len(body))}.items():
             self.send_header(key, value)
@@ -312,7 +320,7 @@ def _regions(body: dict[str, Any]) -> list[Region]:
         if len(whole) != 5:
             raise VisionError("a region must have whole numbers frame, x, y, width and height")
         color = row.get("color")
-        if not isinstance(color, str) or not 0 < len(color.strip()) <= 40:
+        if not isinstance(color, str) or not 0 < len(color.strip()) <= 40 or not color.isprintable():
             raise VisionError("a region must have a colour of 1 to 40 letters")
         found.append(Region(color.strip(), *whole))
     return found

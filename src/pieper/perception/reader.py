@@ -22,7 +22,7 @@ import numpy as np
 
 from pieper.errors import VisionError
 from pieper.perception.frame import Frame, Image
-from pieper.perception.opencv import opencv
+from pieper.perception.opencv import decode_image, opencv, read_image_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -35,6 +35,7 @@ FPS = 30.0
 IMAGES = (".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp")
 _PATIENCE_MS = 5000  # for a stream to answer; also the longest that a stop waits for it
 _CHUNK = 1 << 16
+_LARGEST_JPEG = 1 << 26  # bytes, of a picture in a pipe
 _LARGEST = 1 << 15  # pixels along a side, of what a pipe may announce
 
 
@@ -244,9 +245,8 @@ class FolderReader:
 
     def image(self, index: int) -> tuple[Image, str]:
         """Return one image, and what was done to it."""
-        cv2 = opencv("reading images")
         path = self.files[index]
-        picture = cv2.imread(str(path), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
+        picture = read_image_file(str(path))
         if picture is None:
             raise VisionError(f"frame {index}, {path.name}, cannot be read as an image")
         return as_image(picture, f"frame {index}, {path.name},")
@@ -474,9 +474,8 @@ class PipeReader:
             yield cast(Image, cv2.cvtColor(np.dstack([y, wide[1], wide[0]]), cv2.COLOR_YCrCb2BGR))
 
     def _mjpeg(self, pipe: _Pipe) -> Iterator[Image | Note]:
-        cv2 = opencv("MJPEG")
-        while jpeg := pipe.until(b"\xff\xd9"):
-            picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+        while jpeg := pipe.until(b"\xff\xd9", _LARGEST_JPEG):
+            picture = decode_image(np.frombuffer(jpeg, np.uint8))
             if picture is None:
                 if not pipe.stopped():
                     yield Note(f"{self.info.name}: a JPEG of {len(jpeg)} bytes cannot be decoded and is left out")
@@ -597,10 +596,12 @@ class _Pipe:
             pass
         return self.take(self._held.find(b"\n") + 1 or len(self._held))
 
-    def until(self, mark: bytes) -> bytes:
-        """Up to and with a mark; all that is left where it does not come."""
+    def until(self, mark: bytes, most: int) -> bytes:
+        """Up to and with a mark; all that is left where it does not come, or not within so many bytes."""
         begin = 0
         while (at := self._held.find(mark, begin)) < 0:
+            if len(self._held) > most:
+                return self.take(most)
             begin = max(len(self._held) - len(mark) + 1, 0)
             if not self._more():
                 return self.take(len(self._held))
