@@ -26,7 +26,7 @@ DEVIATIONS = 5  # a parameter may be this many of its own deviations off, since 
 
 @pytest.fixture(scope="module")
 def rays():
-    return RayCaster(TRUE, sides=4)
+    return RayCaster(TRUE, sides=5)
 
 
 def poses(board: Board, count: int, seed: int = 1):
