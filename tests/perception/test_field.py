@@ -152,7 +152,7 @@ def test_lines_find_a_lens_that_is_not_known(rays):
     result = field.from_lines(image, model, start=start, radial=1)
     assert rmse(result.view, FieldView(TRUE, T)) < 2 * PASS
     assert -0.5 < result.view.camera.distortion[0] / (result.view.camera.matrix[0, 0] / 620) ** 2 < -0.15
-    assert "1 radial coefficients, found with the pose" in result.assumed
+    assert "1 radial coefficient, found with the pose" in result.assumed
 
 
 def test_a_picture_without_a_field_leaves_a_doubt(rays):

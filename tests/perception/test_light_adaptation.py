@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pieper.errors import VisionError
+from pieper.perception import adapt
 from pieper.perception.adapt import LightAdaptation
 from pieper.perception.color_space import LogChroma
 from pieper.perception.frame import Frame
@@ -93,6 +94,15 @@ def test_changes_are_logged_and_kept(model, caplog):
     assert "light" in caplog.text
     assert adaptation.history[-1].light < adaptation.history[0].light
     assert f"renewed {len(adaptation.history)} times" in adaptation.summary()
+
+
+def test_the_history_is_bounded_and_the_count_is_not(model, monkeypatch):
+    monkeypatch.setattr(adapt, "_KEPT", 2)
+    adaptation = LightAdaptation(model)
+    ramp(adaptation)
+    assert len(adaptation.history) == 2
+    renewed = int(adaptation.summary().split("renewed ")[1].split()[0])
+    assert renewed > 2
 
 
 def test_the_table_is_renewed_at_most_as_often_as_allowed(model):

@@ -565,7 +565,8 @@ class _Lens:
         if self.camera is not None:
             return ()
         words = ["a lens whose axis goes through the middle of the image, with square pixels"]
-        words.append(f"{self.radial} radial coefficients, found with the pose" if self.radial else "no distortion")
+        found = f"{self.radial} radial coefficient{'s' * (self.radial > 1)}, found with the pose"
+        words.append(found if self.radial else "no distortion")
         if self.height is not None:
             words.append(f"the focal length follows from the height of the camera, {self.height:g} m")
         elif self.focal is not None:
