@@ -8,6 +8,7 @@ import pytest
 pytest.importorskip("cv2", reason="scenes are rendered with OpenCV")
 
 from pieper.errors import PieperWarning, UnknownNameError, VisionError
+from pieper.perception.color_table import ColorTable
 from pieper.perception.field_view import PixelView
 from pieper.perception.frame import Frame
 from pieper.perception.pattern import Patterns
@@ -115,3 +116,24 @@ def test_an_empty_frame_is_no_error():
     tracker = MarkerTracker(table_of(["red", "green", "blue"]), patterns="report")
     step = tracker.step(Frame(np.zeros((48, 64, 3), np.uint8), 0, 0.0))
     assert (len(step.blobs), step.sightings, step.estimates) == (0, (), ())
+
+
+@pytest.mark.parametrize("patterns", [None, "report"])
+def test_a_frame_full_of_colour_is_cut_down_and_said_once(patterns):
+    """A texture of ten thousand patches, among them three large ones, which are kept."""
+    labels = np.zeros((64, 64, 64), np.uint8)
+    labels[:16, :16, 40:], labels[:16, 40:, :16], labels[40:, :16, :16] = 1, 2, 3
+    image = np.zeros((600, 1000, 3), np.uint8)
+    for channel, (y, x) in enumerate([(0, 0), (0, 8), (8, 0)]):
+        for dy in range(5):
+            for dx in range(5):
+                image[y + dy :: 16, x + dx :: 16, channel] = 255
+    for channel, x in enumerate((100, 300, 500)):
+        image[300:340, x - 10 : x + 50] = 0
+        image[304:336, x : x + 40, channel] = 255
+    tracker = MarkerTracker(ColorTable(("red", "green", "blue"), labels), patterns=patterns)
+    with pytest.warns(PieperWarning, match=r"has \d+ patches of colour, and the 1000 largest are looked at") as told:
+        steps = [tracker.step(Frame(image, k, k / 30)) for k in range(3)]
+    assert sum("largest" in str(warning.message) for warning in told) == 1
+    assert len(steps[-1].blobs) == 1000
+    assert sorted(steps[-1].blobs.area.tolist())[-3:] == [32 * 40] * 3

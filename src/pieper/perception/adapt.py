@@ -124,7 +124,7 @@ class LightAdaptation:
         self.model, self._learned = model, model
         self.table: ColorTable = model.table()
         self.history: deque[LightChange] = deque(maxlen=_KEPT)
-        self._renewed = 0
+        self._renewals = 0
         self._seconds, self._forget, self._every = seconds, forget, every
         self._most_light, self._most_cast, self._most_shift = float(np.log(most_light)), most_cast, most_shift
         self._light, self._cast = 0.0, np.zeros(3)
@@ -151,7 +151,7 @@ class LightAdaptation:
         b, g, r = self.cast
         return (
             f"light {self.light:.2f} of that learned, cast blue {b:.2f}, green {g:.2f}, red {r:.2f}; "
-            f"the table was renewed {self._renewed} times"
+            f"the table was renewed {self._renewals} times"
         )
 
     def update(self, frame: Frame, blobs: Blobs) -> bool:
@@ -259,7 +259,7 @@ class LightAdaptation:
         self._made, self._renewed = means, time
         self.model = self._learned.relit(self._light + self._cast, self._shifts)
         self.table = self.model.table()
-        self._renewed += 1
+        self._renewals += 1
         self.history.append(LightChange(time, self.light, self.cast, self._shifts.copy()))
         _LOG.info(
             "t = %.3f s: light %.3f, blue %.3f, green %.3f, red %.3f of that learned", time, self.light, *self.cast

@@ -5,13 +5,14 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from time import perf_counter
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from pieper.errors import VisionError, unknown_name
+from pieper.errors import PieperWarning, VisionError, unknown_name
 from pieper.perception.color_table import ColorTable
 from pieper.perception.field_view import PixelView
 from pieper.perception.pattern import PatternFinder, Patterns, load_patterns, lone_markers
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
     from pieper.perception.frame import Frame
     from pieper.perception.pattern import Follow
     from pieper.perception.sighting import Sighting
+
+MOST_BLOBS = 1000
+"""Patches of colour that are looked at in a frame; thirty robots and a ball have some 150."""
 
 
 class Colors(Protocol):
@@ -111,7 +115,8 @@ class MarkerTracker:
     Notes
     -----
     A frame of another size than the last: in pixels the tracks end and new ones begin, since no place of before means anything now; with
-    a calibrated view it is refused, because the calibration is of one size. Time stamps that jump: see `Tracker.step`.
+    a calibrated view it is refused, because the calibration is of one size. Of more than `MOST_BLOBS` patches the largest are looked at, with
+    a warning. Time stamps that jump: see `Tracker.step`.
     """
 
     def __init__(
@@ -145,6 +150,7 @@ class MarkerTracker:
         self._area = area
         self._within = None if within is None else np.array(within, dtype=np.float64).reshape(2, 2)
         self._size: tuple[int, int] | None = None
+        self._told = False
 
     def step(self, frame: Frame) -> Step:
         """Take one frame.
@@ -175,11 +181,25 @@ class MarkerTracker:
     def _segment(self, frame: Frame) -> Blobs:
         table = self.table if self.adaptation is None else self.adaptation.table
         least, most = self._area
-        blobs = segment(frame.image, table, min_area=least, max_area=most)
+        blobs = self._largest(segment(frame.image, table, min_area=least, max_area=most))
         if self._within is None or not len(blobs):
             return blobs
         places = self.view.to_field(blobs.centroid)  # NaN, beyond the horizon, is nowhere
         return blobs.select(((places >= self._within[0]) & (places <= self._within[1])).all(axis=-1))
+
+    def _largest(self, blobs: Blobs) -> Blobs:
+        """Those that a frame may have: what follows takes time and memory that grow with the square of their number."""
+        if len(blobs) <= MOST_BLOBS:
+            return blobs
+        if not self._told:
+            self._told = True
+            warnings.warn(
+                f"a frame has {len(blobs)} patches of colour, and the {MOST_BLOBS} largest are looked at; "
+                "are the colours too wide, or is something else of those colours?",
+                PieperWarning,
+                stacklevel=2,
+            )
+        return blobs.select(np.sort(np.argsort(-blobs.area, kind="stable")[:MOST_BLOBS]))
 
     def _sightings(self, blobs: Blobs) -> tuple[Sighting, ...]:
         if self._finder is None:
@@ -193,8 +213,9 @@ class MarkerTracker:
             raise VisionError(
                 f"the camera was calibrated at {wanted} pixels, and a frame has {got}; calibrate at that size"
             )
-        if self._size not in (None, size):
-            self.tracker.restart(f"frames are now {size[0]} x {size[1]} pixels, before they were {self._size}")
+        if self._size is not None and self._size != size:
+            before = " x ".join(map(str, self._size))
+            self.tracker.restart(f"frames are now {size[0]} x {size[1]} pixels, before they were {before}")
             if self._finder is not None:
                 self._finder.forget()
         self._size = size
