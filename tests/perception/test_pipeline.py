@@ -132,8 +132,8 @@ def test_a_frame_full_of_colour_is_cut_down_and_said_once(patterns):
         image[300:340, x - 10 : x + 50] = 0
         image[304:336, x : x + 40, channel] = 255
     tracker = MarkerTracker(ColorTable(("red", "green", "blue"), labels), patterns=patterns)
-    with pytest.warns(PieperWarning, match=r"has \d+ patches of colour, and the 1000 largest are looked at") as told:
+    with pytest.warns(PieperWarning, match=r"has \d+ patches of colour, and the 500 largest are looked at") as told:
         steps = [tracker.step(Frame(image, k, k / 30)) for k in range(3)]
     assert sum("largest" in str(warning.message) for warning in told) == 1
-    assert len(steps[-1].blobs) == 1000
+    assert len(steps[-1].blobs) == 500
     assert sorted(steps[-1].blobs.area.tolist())[-3:] == [32 * 40] * 3

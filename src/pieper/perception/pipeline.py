@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from pieper.perception.pattern import Follow
     from pieper.perception.sighting import Sighting
 
-MOST_BLOBS = 1000
+MOST_BLOBS = 500
 """Patches of colour that are looked at in a frame; thirty robots and a ball have some 150."""
 
 
