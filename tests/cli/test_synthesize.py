@@ -81,7 +81,9 @@ def test_options_reach_the_scene(tmp_path, capsys):
     (["clean", "--size", "big"], "--size must be width x height"),
     (["clean", "--size", "4x4"], "16 to 8192"),
     (["clean", "--frames", "0"], "at least one frame"),
-    (["clean", "--noise", "-1"], "out of range"),
+    (["clean", "--noise", "-1"], "noise is out of range: it must be from 0 to 255, got -1"),
+    (["clean", "--seed", "-1"], "seed of a scene must be 0 or more"),
+    (["clean", "--fps", "inf"], "a positive rate"),
     (["clean", "--cast", "0", "1.5"], "out of range"),
 ])  # fmt: skip
 def test_what_cannot_be_drawn_is_said(tmp_path, capsys, words, said):

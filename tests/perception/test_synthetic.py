@@ -210,8 +210,10 @@ def test_effects_out_of_range_are_refused():
         {"light": (1, -1)},
         {"cast": (0, 1)},
         {"gradient": 2},
+        {"light": (1, float("nan"))},
+        {"exposure": float("inf")},
     ):
-        with pytest.raises(ArrayError, match="out of range"):
+        with pytest.raises(ArrayError, match=rf"{next(iter(wrong))} is out of range: it must be from"):
             Effects(**wrong)
 
 

@@ -161,6 +161,8 @@ def test_P1_options_are_read_by_their_names(run):
         (["--patterns", "vsss"], "which were not learnt"),
         (["--within", "1,2,3"], "--within must be X0,Y0,X1,Y1 with X0 < X1 and Y0 < Y1, got '1,2,3'"),
         (["--fps", "0"], "fps must be a positive number"),
+        (["--patience", "nan"], "patience must be 0 seconds or more, got nan"),
+        (["--out", "t.csv", "--resume", "--warm-up", "nan"], "--warm-up must be 0 seconds or more, got nan"),
     ],
 )
 def test_what_cannot_be_is_refused(run, words, message):

@@ -92,7 +92,9 @@ def track(
         float,
         typer.Option("--patience", metavar="SECONDS", help="How long a camera may be away before it is given up."),
     ] = 60.0,
-    trail: Annotated[int, typer.Option("--trail", metavar="N", help="Frames of the trails that are drawn.")] = 60,
+    trail: Annotated[
+        int, typer.Option("--trail", metavar="N", min=0, help="Frames of the trails that are drawn.")
+    ] = 60,
     verbose: Annotated[bool, typer.Option("--verbose", help="Print every detection with its radius.")] = False,
 ) -> int:
     """Follow coloured markers, or robots that carry them; in pixels, or in metres with --field."""
@@ -106,7 +108,7 @@ def track(
     if method not in METHODS:
         raise unknown_name("method", method, METHODS)
     keep_apart([source, colors, field, patterns], {"--out": out, "--video": video})
-    _check_files(out, video, resume)
+    _check_files(out, video, resume, warm_up)
     model, tracker, view, heights = _tracker(
         colors, field, patterns, ball, largest or [], within, method=method, adapt=adapt, tracked=source
     )
@@ -152,11 +154,13 @@ def track(
     return 0
 
 
-def _check_files(out: Path | None, video: Path | None, resume: bool) -> None:
+def _check_files(out: Path | None, video: Path | None, resume: bool, warm_up: float) -> None:
     from pieper.perception.output import table_path, video_path
 
     if resume and out is None:
         raise VisionError("--resume goes on with a table; name it by --out")
+    if not warm_up >= 0:
+        raise VisionError(f"--warm-up must be 0 seconds or more, got {warm_up:g}")
     for path, check in ((out, table_path), (video, video_path)):
         if path is not None:
             check(path)

@@ -228,9 +228,19 @@ class Effects:
     quality: int = 0
 
     def __post_init__(self) -> None:
-        fine = self.noise >= 0 and self.exposure >= 0 and 0 <= self.shadow <= 1 and 0 <= self.quality <= 100
-        if not (fine and min(self.light) >= 0 and abs(self.gradient) < 2 and max(map(abs, self.cast)) < 1):
-            raise ArrayError(f"effects out of range: {self}")
+        bounds = {
+            "noise": (0.0, 255.0),
+            "exposure": (0.0, 10.0),
+            "light": (0.0, 100.0),
+            "gradient": (-1.99, 1.99),
+            "cast": (-0.99, 0.99),
+            "shadow": (0.0, 1.0),
+            "quality": (0.0, 100.0),
+        }
+        for name, (least, most) in bounds.items():
+            value = getattr(self, name)
+            if not all(least <= v <= most for v in (value if isinstance(value, tuple) else (value,))):
+                raise ArrayError(f"{name} is out of range: it must be from {least:g} to {most:g}, got {value}")
 
 
 @dataclass(frozen=True)
@@ -287,8 +297,10 @@ class Scene:
         names = [thing.name for thing in self.things]
         if len(set(names)) != len(names):
             raise ArrayError(f"the things in a scene must have distinct names, got {names}")
-        if self.frames < 1 or not self.fps > 0:
+        if self.frames < 1 or not 0 < self.fps < np.inf:
             raise ArrayError(f"a scene needs at least one frame and a positive rate, got {self.frames}, {self.fps}")
+        if self.seed < 0:
+            raise ArrayError(f"the seed of a scene must be 0 or more, got {self.seed}")
 
     def __len__(self) -> int:
         return self.frames

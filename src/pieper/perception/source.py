@@ -237,6 +237,8 @@ def open_source(
         raise VisionError(f"start must be 0 or more and before stop, got start {start}, stop {stop}")
     if fps is not None and not 0 < fps < float("inf"):
         raise VisionError(f"fps must be a positive number, got {fps:g}")
+    if not patience >= 0:
+        raise VisionError(f"patience must be 0 seconds or more, got {patience:g}")
     frames = _reader(what, size, fps, patience)
     threaded = not isinstance(frames, reader.FramesReader)  # what the caller made is read in the caller's thread
     return Source(frames, start=start, stop=stop, queue=queue, threaded=threaded)
