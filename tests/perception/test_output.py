@@ -7,6 +7,7 @@ import json
 import sys
 import threading
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -319,3 +320,35 @@ def test_a_disk_that_is_full_is_said_with_the_name_of_the_table(tmp_path):
     with pytest.raises(OSError, match="No space left") as caught:
         table.write(0, 0.0, ())
     assert caught.value.filename == str(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"x": float("nan")}, "x must be a finite number, got nan"),
+        ({"vy": float("inf")}, "vy must be a finite number"),
+        ({"yy": -1.0}, "yy is a variance and must not be negative"),
+        ({"state": "asleep"}, "state must be one of seen, hidden, lost, got 'asleep'"),
+        ({"kind": "dog"}, "kind must be one of robot, ball, marker"),
+    ],
+)
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_what_no_tracker_writes_is_not_read(tmp_path, monkeypatch, suffix, change, message):
+    row = replace(output.TrackRow.of(3, estimate(heading=0.5)), **change)
+    monkeypatch.setattr(output.TrackRow, "of", lambda *_: row)
+    monkeypatch.setattr(output.json, "dumps", lambda record, **_: json.JSONEncoder().encode(record))
+    table = create_tracks(tmp_path / f"a.{suffix}", unit="m")
+    table.write(3, 0.1, [estimate(heading=0.5)])
+    table.close()
+    with pytest.raises(VisionError, match=message):
+        read_tracks(tmp_path / f"a.{suffix}")
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_frames_that_go_back_are_not_read(tmp_path, suffix):
+    table = create_tracks(tmp_path / f"a.{suffix}", unit="m")
+    for index in (3, 4, 2):
+        table.write(index, 0.1 * index, [estimate(heading=0.5)])
+    table.close()
+    with pytest.raises(VisionError, match="frame 2 comes after frame 4; frames must go forward"):
+        read_tracks(tmp_path / f"a.{suffix}")

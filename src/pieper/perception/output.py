@@ -29,7 +29,7 @@ import secrets
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
-from itertools import groupby
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 
@@ -65,6 +65,7 @@ COLUMNS = (
     "hh",
 )
 _WHOLE, _WORDS = ("frame", "track"), ("kind", "name", "state")
+KINDS, STATES = ("robot", "ball", "marker"), ("seen", "hidden", "lost")
 _DIGITS = 9  # of all but the time, which may count from 1970
 _GROUP = 4096  # rows that Parquet writes at once
 
@@ -452,7 +453,7 @@ def _read(file: Path, *, partial: bool) -> tuple[TrackFile, int]:
         raise VisionError(f"{file}: line 2 must name the columns {','.join(COLUMNS)}")
     if file.suffix.lower() == ".jsonl":
         frames = [_parsed(file, number, _json_frame, line) for number, (line, _) in enumerate(body, start=2)]
-        return TrackFile(*head, tuple(frames)), end
+        return TrackFile(*head, _in_order(file, frames)), end
     if len(lines) < 2 and partial:
         raise VisionError(f"{file} ends before its names of columns; remove it, and begin again")
     rows = [_parsed(file, number, _csv_row, line) for number, (line, _) in enumerate(body, start=3)]
@@ -460,7 +461,7 @@ def _read(file: Path, *, partial: bool) -> tuple[TrackFile, int]:
         last = rows[-1].frame
         whole = sum(row.frame != last for row in rows)
         rows, end = rows[:whole], body[whole][1]
-    return TrackFile(*head, _by_frame(rows)), end
+    return TrackFile(*head, _by_frame(file, rows)), end
 
 
 def _head(file: Path, line: bytes | str) -> tuple[str, str]:
@@ -481,7 +482,7 @@ def _parsed(file: Path, number: int, parse: Any, line: bytes) -> Any:
 def _json_frame(line: str) -> TrackedFrame:
     record = json.loads(line)
     index, time = int(record["frame"]), float(record["time"])
-    rows = tuple(TrackRow(index, time, **{c: track[c] for c in COLUMNS[2:]}) for track in record["tracks"])
+    rows = tuple(_checked(TrackRow(index, time, **{c: track[c] for c in COLUMNS[2:]})) for track in record["tracks"])
     return TrackedFrame(index, time, rows)
 
 
@@ -495,7 +496,7 @@ def _csv_row(line: str) -> TrackRow:
             values[column] = None
         elif column not in _WORDS:
             values[column] = int(text) if column in _WHOLE else float(text)
-    return TrackRow(**values)
+    return _checked(TrackRow(**values))
 
 
 def _read_parquet(file: Path) -> TrackFile:
@@ -507,13 +508,43 @@ def _read_parquet(file: Path) -> TrackFile:
     head = _head(file, (table.schema.metadata or {}).get(b"pieper", b""))
     if tuple(table.column_names) != COLUMNS:
         raise VisionError(f"{file} must have the columns {', '.join(COLUMNS)}, got {', '.join(table.column_names)}")
-    return TrackFile(*head, _by_frame([TrackRow(**row) for row in table.to_pylist()]))
+    return TrackFile(*head, _by_frame(file, [_parsed_row(file, n, row) for n, row in enumerate(table.to_pylist())]))
 
 
-def _by_frame(rows: Iterable[TrackRow]) -> tuple[TrackedFrame, ...]:
+def _parsed_row(file: Path, number: int, row: dict[str, Any]) -> TrackRow:
+    try:
+        return _checked(TrackRow(**row))
+    except (ValueError, TypeError) as cause:
+        raise VisionError(f"{file}: row {number} is not of a {FORMAT!r} file: {cause}") from cause
+
+
+def _checked(row: TrackRow) -> TrackRow:
+    """The row, if a tracker can have written it."""
+    for column in COLUMNS[:2] + (COLUMNS[6:] if row.track is not None else ()):
+        value = getattr(row, column)
+        if value is not None and not (isinstance(value, (int, float)) and math.isfinite(value)):
+            raise ValueError(f"{column} must be a finite number, got {value!r}")
+    if row.track is not None:
+        for column, known in (("kind", KINDS), ("state", STATES)):
+            if getattr(row, column) not in known:
+                raise ValueError(f"{column} must be one of {', '.join(known)}, got {getattr(row, column)!r}")
+        for column in ("xx", "yy", "hh"):
+            if (getattr(row, column) or 0.0) < 0:
+                raise ValueError(f"{column} is a variance and must not be negative, got {getattr(row, column)!r}")
+    return row
+
+
+def _in_order(file: Path, frames: Sequence[TrackedFrame]) -> tuple[TrackedFrame, ...]:
+    for before, after in pairwise(frames):
+        if after.index <= before.index:
+            raise VisionError(f"{file}: frame {after.index} comes after frame {before.index}; frames must go forward")
+    return tuple(frames)
+
+
+def _by_frame(file: Path, rows: Iterable[TrackRow]) -> tuple[TrackedFrame, ...]:
     frames = []
     for _, group in groupby(rows, key=lambda row: row.frame):
         members = tuple(group)
         tracked = tuple(row for row in members if row.track is not None)
         frames.append(TrackedFrame(members[0].frame, members[0].time, tracked))
-    return tuple(frames)
+    return _in_order(file, frames)
