@@ -302,7 +302,12 @@ class LiveReader:
         self._capture = connect()
         if not self._capture.isOpened():
             self._capture.release()
-            raise VisionError(f"{name} cannot be opened; is it plugged in, free, and readable by this user?")
+            doubt = (
+                "does it answer, and is the address right?"
+                if kind == "stream"
+                else "is it plugged in, free, and readable by this user?"
+            )
+            raise VisionError(f"{name} cannot be opened; {doubt}")
         self._patience, self._waits = patience, (first_wait, longest_wait)
         self.info = SourceInfo(name=name, kind=kind, fps=fps, live=True)
 
