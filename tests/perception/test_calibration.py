@@ -128,6 +128,10 @@ def test_the_lens_is_found_from_pictures(folder, tmp_path):
     seen = np.concatenate([view.uv for view in result.views])
     assert lens_error(result.camera, TRUE, seen) < PASS_PX / 2
     assert result.rms < CORNER_PX
+    misses = []
+    for view, T, pose in zip(result.views, poses(CHARUCO, 14), result.Ts_camera_board, strict=True):
+        misses.append(pixels(CHARUCO, pose, result.camera)[view.ids] - pixels(CHARUCO, T)[view.ids])
+    assert np.sqrt((np.concatenate(misses) ** 2).sum(axis=1).mean()) < PASS_PX / 2
     K, T = result.camera.matrix, TRUE.matrix
     for name, value, true in (
         ("fx", K[0, 0], T[0, 0]),

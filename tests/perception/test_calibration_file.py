@@ -8,6 +8,8 @@ from hypothesis import strategies as st
 from pieper.errors import VisionError
 from pieper.perception.calibration_file import load_camera, load_field_size, load_view, save_camera, save_view
 from pieper.perception.camera import Camera
+from pieper.perception.field import load_tags
+from pieper.perception.field_lines import lines
 from pieper.perception.field_view import FieldView
 from pieper.perception.yaml_file import write_yaml
 from tests.perception.board_scene import overhead
@@ -118,3 +120,52 @@ def test_bytes_are_refused_and_do_not_crash(tmp_path_factory, raw):
     file.write_bytes(raw)
     with pytest.raises(VisionError):
         load_view(file)
+
+
+TAGS = "family: 36h11\nsize_mm: 120\ntags:\n- {id: 3, x: -0.6, y: 0.5}\n- {id: 7, x_mm: 600, y: 0.5, yaw_deg: 90, z: 0.01, size: 0.1}\n"
+LINES = (
+    "length: 2.0\nwidth: 1.0\nline_width: 0.01\nlines:\n- {name: a, from: [0, -0.5], to: [0, 0.5]}\n"
+    "circles:\n- {centre: [0, 0], radius: 0.3, begin: 0, end: 3, height: 0.05}\n"
+)
+
+
+@pytest.mark.parametrize("kind", ["camera", "view", "tags", "lines"])
+def test_a_damaged_file_is_read_or_refused(tmp_path, kind):
+    """Pieces cut out, doubled and exchanged: what comes is a result or a `VisionError`, nothing else."""
+    file = tmp_path / "f.yaml"
+    readers = {"camera": load_camera, "view": load_view, "tags": load_tags, "lines": lines}
+    save_camera(file, CAMERA) if kind == "camera" else save_view(file, VIEW)
+    text = {"tags": TAGS, "lines": LINES}.get(kind, file.read_text())
+    rng = np.random.default_rng(7)
+    words = [
+        "",
+        "nan",
+        "-1",
+        "1e400",
+        "[",
+        "]]",
+        "{}",
+        ": ",
+        "\n",
+        "'",
+        "\x00",
+        "é",
+        "null",
+        "true",
+        "- ",
+        "1e-300",
+        "&a",
+        "*a",
+        "!!x ",
+    ]
+    refused = []
+    for _ in range(150):
+        a, b = np.sort(rng.integers(0, len(text), 2))
+        b = min(b, a + 12)
+        file.write_text(text[:a] + str(rng.choice(words)) + text[b:], encoding="utf-8")
+        try:
+            readers[kind](file)
+        except VisionError as error:
+            refused.append(str(error))
+    assert len(refused) > 50
+    assert all(words.startswith(str(file)) for words in refused)

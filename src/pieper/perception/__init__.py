@@ -8,6 +8,10 @@
 `frame`          one image with its number and its capture time
 `camera`         a camera as numbers: matrix, distortion, size
 `field_view`     where on the field a pixel looks: metres from pixels, or pixels as they are
+`board`          boards to calibrate a lens with: to print, and to find in an image
+`calibration`    a lens from pictures of a board
+`field`          where the field lies, from corners, field lines or AprilTags
+`field_lines`    the lines of fields, and where they are in an image
 `color_table`    which colour a pixel is, as a table over all pixels
 `segment`        from a frame to patches of colour, in one compiled pass
 `masks`          masks of colours, for people who want to look

@@ -25,6 +25,7 @@ _WIDTH = 1000
 _LINE = 26
 _ARROW_LENGTH = 14.0  # px of a typical miss, once magnified
 _BARS = 120
+_MOST_ARROWS = 250
 
 
 def save_picture(path: str | Path, image: Image) -> None:
@@ -100,7 +101,8 @@ def field_picture(
                 cv2.line(page, _at(a), _at(b), _MODEL, 1, cv2.LINE_AA, _SHIFT)
     rms = float(np.sqrt((miss**2).sum(axis=-1).mean())) if len(miss) else 0.0
     times = _magnification(rms)
-    _arrows(cv2, page, uv, miss * times)
+    some = slice(None, None, max(1, len(uv) // _MOST_ARROWS))
+    _arrows(cv2, page, uv[some], (miss * times)[some])
     return np.concatenate([_words(cv2, [*sentences, f"arrows: seen minus model, x {times:g}"], page.shape[1]), page])
 
 

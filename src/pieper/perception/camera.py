@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 _COEFFICIENTS = (0, 4, 5, 8, 12)
 _ITERATIONS = 30  # of Newton, which needs three to six
-_STEP = 1e-14  # where it ends, relative to 1 + the square of the tangent
+_STEP = 1e-8  # where it ends, relative to 1 + the square of the tangent: what is left then is the square of that
 _PATIENCE = 5  # turns after which a pixel beyond the edge is given up
 _RESIDUAL = 1e-11  # what may remain in normalised coordinates, relative likewise: 1e-8 px
 _WIDEST = 600.0  # tangent of 89.9 deg, where a pinhole ends
@@ -215,50 +215,65 @@ class Camera:
 
     def _slopes(self, xy: FloatArray) -> FloatArray:
         """``d distort / d (x, y)``, ``(n, 2, 2)``."""
+        _, _, a, b, c, d = self._with_slopes(xy[:, 0], xy[:, 1])
+        return np.stack([a, b, c, d], axis=-1).reshape(-1, 2, 2)
+
+    def _with_slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, ...]:
+        """``distort(x, y)``, and its derivatives ``a b; c d``."""
         k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = self._coefficients
-        x, y = xy[:, 0], xy[:, 1]
-        r2 = x * x + y * y
-        N, D = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
-        radial = N / D
-        slope = 2 * ((k1 + r2 * (2 * k2 + r2 * 3 * k3)) - radial * (k4 + r2 * (2 * k5 + r2 * 3 * k6))) / D
-        J = np.empty((len(xy), 2, 2))
-        J[:, 0, 0] = radial + x * x * slope
-        J[:, 0, 1] = J[:, 1, 0] = x * y * slope
-        J[:, 1, 1] = radial + y * y * slope
+        xx, yy, xy = x * x, y * y, x * y
+        r2 = xx + yy
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        slope = 2 * k1 + r2 * (4 * k2 + r2 * (6 * k3))
+        if k4 or k5 or k6:
+            D = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+            radial = radial / D
+            slope = (slope - radial * (2 * k4 + r2 * (4 * k5 + r2 * (6 * k6)))) / D
+        u, v, b = x * radial, y * radial, xy * slope
+        a, c, d = radial + xx * slope, b, radial + yy * slope
         if self._bent:
-            prism_x, prism_y = 2 * (s1 + 2 * s2 * r2), 2 * (s3 + 2 * s4 * r2)
             both = 2 * (p1 * x + p2 * y)
-            J[:, 0, 0] += 2 * p1 * y + 6 * p2 * x + prism_x * x
-            J[:, 0, 1] += both + prism_x * y
-            J[:, 1, 0] += both + prism_y * x
-            J[:, 1, 1] += 6 * p1 * y + 2 * p2 * x + prism_y * y
-        return J
+            u, v = u + 2 * p1 * xy + p2 * (r2 + 2 * xx), v + p1 * (r2 + 2 * yy) + 2 * p2 * xy
+            a, b, d = a + 2 * p1 * y + 6 * p2 * x, b + both, d + 6 * p1 * y + 2 * p2 * x
+            c = b
+            if s1 or s2 or s3 or s4:
+                prism_x, prism_y = 2 * (s1 + 2 * s2 * r2), 2 * (s3 + 2 * s4 * r2)
+                u, v = u + r2 * (s1 + r2 * s2), v + r2 * (s3 + r2 * s4)
+                a, b, c, d = a + prism_x * x, b + prism_x * y, c + prism_y * x, d + prism_y * y
+        return u, v, a, b, c, d
 
     def _undistorted(self, bent: FloatArray) -> FloatArray:
-        """Newton's iteration for ``distort(xy) = bent``; NaN where it has no answer within reach."""
+        """Newton's iteration for ``distort(x, y) = bent``; NaN where it has no answer within reach."""
         radius = np.hypot(bent[:, 0], bent[:, 1])
-        start = np.interp(radius, *self._radial_table)
-        xy = bent * (start / np.where(radius > 0, radius, 1.0))[:, None]
+        share = np.interp(radius, *self._radial_table) / np.maximum(radius, 1e-300)
+        U, V = bent[:, 0], bent[:, 1]
+        x, y = U * share, V * share
         limit = min(self.reach, _WIDEST)
-        open_ = np.arange(len(bent))
+        out = np.full(bent.shape, np.nan)
+        rows = np.arange(len(bent))
         for turn in range(_ITERATIONS):
-            at = xy[open_]
-            miss, J = self._distorted(at) - bent[open_], self._slopes(at)
-            det = J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0]
-            det = np.where(np.abs(det) > 1e-12, det, 1e-12)
-            step = np.empty_like(at)
-            step[:, 0] = (J[:, 1, 1] * miss[:, 0] - J[:, 0, 1] * miss[:, 1]) / det
-            step[:, 1] = (J[:, 0, 0] * miss[:, 1] - J[:, 1, 0] * miss[:, 0]) / det
-            new = at - step
-            r = np.hypot(new[:, 0], new[:, 1])
-            new *= np.minimum(1.0, limit / np.maximum(r, 1e-300))[:, None]
-            xy[open_] = new
-            lost = (
-                r > limit if turn > _PATIENCE else False
-            )  # it has been sent back to the edge so often that nothing is inside
-            open_ = open_[(np.abs(new - at).max(axis=1) > _STEP * (1 + r * r)) & ~np.asarray(lost)]
-            if not open_.size:
+            u, v, a, b, c, d = self._with_slopes(x, y)
+            miss_u, miss_v = u - U, v - V
+            det = a * d - b * c
+            det[np.abs(det) < 1e-12] = 1e-12
+            step_x, step_y = (d * miss_u - b * miss_v) / det, (a * miss_v - c * miss_u) / det
+            x, y = x - step_x, y - step_y
+            r = np.hypot(x, y)
+            beyond = r > limit
+            if beyond.any():
+                x, y = (np.where(beyond, part * (limit / np.maximum(r, limit)), part) for part in (x, y))
+            done = np.maximum(np.abs(step_x), np.abs(step_y)) <= _STEP * (1 + r * r)
+            if turn > _PATIENCE:
+                done |= beyond  # sent back to the edge so often that nothing is inside
+            if done.all():
+                out[rows, 0], out[rows, 1] = x, y
                 break
-        miss = np.abs(self._distorted(xy) - bent).max(axis=1)
-        found = miss <= _RESIDUAL * (1 + radius * radius)
-        return np.asarray(np.where(found[:, None], xy, np.nan))
+            if done.any():
+                out[rows[done], 0], out[rows[done], 1] = x[done], y[done]
+                rows = rows[~done]
+                x, y, U, V = (part[~done] for part in (x, y, U, V))
+        known = np.isfinite(out[:, 0])
+        at = out if known.all() else np.where(known[:, None], out, 0.0)
+        miss = np.abs(self._distorted(at) - bent).max(axis=1)
+        found = known & (miss <= _RESIDUAL * (1 + radius * radius))
+        return out if found.all() else np.where(found[:, None], out, np.nan)

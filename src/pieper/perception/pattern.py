@@ -405,6 +405,11 @@ class PatternFinder:
     mm_per_px : float, optional
         In pixels: the scale, if it is known.
 
+    Notes
+    -----
+    From frame to frame it keeps where the robots were, the usual areas of the markers, the scale in pixels, and how well covariances and misfits
+    agree; `forget` drops that. Frames should come in order, but need not.
+
     Attributes
     ----------
     scale : float or None
@@ -440,11 +445,13 @@ class PatternFinder:
         self._tables: dict[tuple[str, ...], list[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]]] = {}
 
     def forget(self) -> None:
-        """Forget the scale that was found in pixels."""
+        """Forget what was learnt from the frames so far."""
         self.scale = 1.0 if self._metric else self._given
         for areas in self._areas:
             areas[:] = np.nan
         self._poses = [{} for _ in self._shapes]
+        self._unit = [1.0 for _ in self._shapes]
+        self._scatter = [_AREA_NOISE**2 for _ in self._shapes]
 
     def find(self, blobs: Blobs) -> tuple[Sighting, ...]:
         """Return the robots and the ball of one frame.
