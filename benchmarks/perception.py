@@ -20,7 +20,7 @@ METHOD = (
 )
 HEAD = """# Scenes, measures and figures of the perception
 
-No figure on this page was typed: `benchmarks/perception.py` measures and writes it, and `pieper evaluate --all` prints the same table.
+`benchmarks/perception.py` measures and writes the tables of this page, and `pieper evaluate --all` prints the first of them.
 
 ## Scenes with exact truth
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import pieper
@@ -145,6 +145,7 @@ def test_two_arms_move_each_in_its_own_time(tmp_path):
 
 
 @given(st.floats(1e-3, 50.0), st.floats(1.0, 60.0), st.floats(0.1, 10.0), st.floats(0.0, 2.0))
+@example(duration=0.10000000000000002, fps=1.0, speed=0.1, hold=0.0)
 def test_times_of_frames(duration, fps, speed, hold):
     times = film.frame_times(duration, fps=fps, speed=speed, hold=hold)
     assert times[0] == 0.0

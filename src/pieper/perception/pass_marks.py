@@ -493,7 +493,7 @@ def _ends_after(scene: Scene) -> float:
 
 def _crossing(quick: bool) -> list[Mark]:
     """Ten robots; of what the patterns find in the pictures a fifth is lost and false robots are added, then it is tracked."""
-    scene = preset("crossing").but(frames=150 if quick else 720)
+    scene = preset("crossing").but(frames=420 if quick else 720)
     table, patterns = learned(scene).table(), Patterns.of_scene(scene)
     finder = PatternFinder(patterns, scene.view)
     tracker = Tracker(TrackerParameters.metres())

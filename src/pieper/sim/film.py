@@ -45,13 +45,16 @@ def frame_times(duration: float, *, fps: float, speed: float = 1.0, hold: float 
             raise ArrayError(f"{name} must be a positive number, got {value}")
     if not (np.isfinite(hold) and hold >= 0.0):
         raise ArrayError(f"hold must be a time of 0 s or more, got {hold}")
-    count = np.ceil(duration / speed * fps - 1e-9) + 1 + np.round(hold * fps)
+    last = np.ceil(duration / speed * fps - 1e-9)
+    count = last + 1 + np.round(hold * fps)
     if count > MOST_FRAMES:
         raise ArrayError(
             f"a film may have {MOST_FRAMES} frames, but {duration:.6g} s at {fps:g} frames per second would be {count:.0f}; "
             "lower fps, or raise speed"
         )
-    return np.asarray(np.minimum(np.arange(int(count)) * (speed / fps), duration))
+    times: NDArray[np.float64] = np.minimum(np.arange(int(count)) * (speed / fps), duration)
+    times[int(last) :] = duration  # to the last bit
+    return times
 
 
 def save(
