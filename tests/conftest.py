@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+import threading
+
 import pytest
 from hypothesis import settings
 
@@ -10,6 +13,10 @@ from pieper._native import kernels
 # No test depends on time: the first example of a run may import a package, and machines of others are slower.
 settings.register_profile("pieper", deadline=None)
 settings.load_profile("pieper")
+
+# A shell that starts the tests in the background may have told them to ignore Ctrl-C; the processes of the tests would inherit that.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(params=kernels.instruction_sets())
