@@ -298,8 +298,11 @@ def test_ctrl_c_leaves_valid_files(room, tmp_path, number):
     command = [sys.executable, "-m", "pieper", "track", "-", "--colors", str(room / "colors.yaml"), "--size", "200x150"]
     files = ["--out", "t.csv", "--video", "t.mp4"] if number == signal.SIGINT else ["--out", "t.parquet"]
     process = subprocess.Popen(
-        [*command, *files, "--verbose"], cwd=tmp_path, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=False
+        [*command, *files, "--verbose"], cwd=tmp_path, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=False,
+        env={name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"},
     )  # fmt: skip
+    never = threading.Timer(60.0, process.kill)  # what says nothing would be waited for
+    never.start()
     assert process.stdin is not None
     assert process.stdout is not None
     sent = 12
@@ -313,6 +316,7 @@ def test_ctrl_c_leaves_valid_files(room, tmp_path, number):
     time.sleep(0.1)  # the other discs of that frame are printed, and it waits for the next one
     process.send_signal(number)
     feed.join()
+    never.cancel()
     _, err = process.communicate(timeout=20)
     assert process.returncode == 130, err
     assert b"interrupted" in err

@@ -317,6 +317,7 @@ def _print_detections(step: Found) -> None:
         x, y = step.blobs.centroid[row]
         name, radius = step.blobs.names[int(step.blobs.color[row])], float(step.blobs.radius[row])
         sys.stdout.write(f"frame {step.index}  {name}  radius {radius:.2f} px  at {x:.2f}, {y:.2f}\n")
+    sys.stdout.flush()  # somebody may read along in a pipe
 
 
 def _print_summary(summary: Summary, out: Path | None, video: Path | None, unit: str, tracker: Follows) -> None:
