@@ -1,0 +1,628 @@
+"""Does an arm touch itself or what stands around it, how far away is it, and from what?
+
+Every moving solid is enclosed in a capsule, every obstacle in boxes or capsules. Distances of these, for whole batches of states at once,
+bound the true ones from below; for capsules against boxes, balls and capsules they are the true ones. Where a bound does not decide, Coal
+measures the solids themselves. Coal also tells the nearest pair, points and contacts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from pieper.errors import ArrayError, WorldError, unknown_name
+from pieper.kinematics.joints import as_joints
+from pieper.model.chain import Chain
+from pieper.model.description import Box, Capsule, Cylinder, Mesh, Sphere
+from pieper.motion.arm_solids import enclosing_capsule, solids_of_arm
+from pieper.motion.clearance import segment_to_box, segment_to_segment
+from pieper.motion.coal_solids import Measure, as_coal, vertices_of
+from pieper.motion.world import Item, World
+from pieper.spatial._checks import FloatArray
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from pieper.model.description import Geometry
+    from pieper.motion.arm_solids import ArmLike
+
+DEFAULT_MARGIN = 0.01
+"""Metres that are kept between solids unless told otherwise."""
+
+SAMPLES = 1000
+"""States by which it is found which links always touch, and which never come near each other."""
+
+_ALWAYS = 0.95  # fraction of the samples in which a pair touches that is built to touch
+_COARSE = 0.25  # the same for links two apart whose solids are made from the chain, see `SelfPairs`
+_NEVER = 0.1  # a pair that stays farther apart than this fraction of the arm's reach in every sample is not looked at
+_BLOCK = 2048  # states that are looked at together, to stay in the cache
+
+
+class Nearest(NamedTuple):
+    """The nearest pair of an arm at some joint values.
+
+    Attributes
+    ----------
+    distance : float
+        Metres; below 0 by the depth where they overlap, infinite where there is no pair.
+    first, second : str
+        A link, tool or grasped object, and what it is near to.
+    p_first, p_second : (3,) arrays
+        The nearest points of the two in the base frame [m].
+    """
+
+    distance: float
+    first: str
+    second: str
+    p_first: FloatArray
+    p_second: FloatArray
+
+    def __str__(self) -> str:
+        if self.distance <= 0.0:
+            return f"{self.first} is {-1e3 * self.distance:.1f} mm inside {self.second}"
+        return f"{self.first} is {1e3 * self.distance:.1f} mm from {self.second}"
+
+
+@dataclass(frozen=True)
+class SelfPairs:
+    """Which pairs of links are looked at, and why the others are not. Names as collisions are told.
+
+    Attributes
+    ----------
+    checked : tuple of (str, str)
+    adjacent : tuple of (str, str)
+        Joined by one joint, or the tool and what carries it.
+    always : tuple of (str, str)
+        Touching in 95 % of `SAMPLES` states, drawn evenly within the limits. For solids made from the chain, whose radii are a guess, it is
+        25 % for links two joints apart, such as the two ends of a wrist.
+    never : tuple of (str, str)
+        Farther apart than a tenth of the reach in each of these states.
+    allowed : tuple of (str, str)
+        As the caller asked for.
+    """
+
+    checked: tuple[tuple[str, str], ...]
+    adjacent: tuple[tuple[str, str], ...]
+    always: tuple[tuple[str, str], ...]
+    never: tuple[tuple[str, str], ...]
+    allowed: tuple[tuple[str, str], ...]
+
+
+class _Moving(NamedTuple):
+    """A solid that moves with a link, and its capsule in the frame of the link."""
+
+    body: int
+    name: str
+    solid: Geometry
+    T: FloatArray
+    a: FloatArray
+    b: FloatArray
+    radius: float
+    exact: bool
+
+
+class CollisionModel:
+    """An arm with its tool among obstacles.
+
+    Parameters
+    ----------
+    arm : Arm or Chain
+        Its solids are those of the description, or made from the chain; see `pieper.motion.arm_solids.solids_of_arm`.
+    world : World, optional
+        In the base frame of the arm. The base itself is not checked against it, since it does not move.
+    tool : Item or sequence of Item, optional
+        Solids fixed to the tip, placed in its frame.
+    attached : sequence of Item
+        Objects that are grasped, placed in the frame of the tip. They may touch the tool and the link of the tip.
+    margin : float
+        Distance that counts as free [m].
+    allowed : sequence of (str, str)
+        Pairs of links or items that may touch.
+
+    Raises
+    ------
+    WorldError
+        A negative margin, or a name that is there twice.
+    UnknownNameError
+        A name in `allowed` or `may_touch` that nothing has.
+    MissingExtraError
+        Coal is not installed.
+
+    Examples
+    --------
+    >>> import pieper
+    >>> from pieper.motion.world import Item, World
+    >>> T = np.eye(4)
+    >>> T[:3, 3] = [0.6, 0.0, 0.4]
+    >>> model = CollisionModel(pieper.load("ur5e"), World([Item("box", Box([0.2, 0.2, 0.8]), T)]))
+    >>> model.is_free([0.0, -1.2, 1.2, 0.0, 0.0, 0.0]), model.is_free([3.0, -1.2, 1.2, 0.0, 0.0, 0.0])
+    (False, True)
+    >>> nearest = model.distance([1.2, -1.2, 1.2, 0.0, 0.0, 0.0])
+    >>> nearest.second, nearest.distance > 0.01
+    ('box', True)
+    """
+
+    def __init__(
+        self,
+        arm: ArmLike | Chain,
+        world: World | None = None,
+        *,
+        tool: Item | Iterable[Item] = (),
+        attached: Iterable[Item] = (),
+        margin: float = DEFAULT_MARGIN,
+        allowed: Iterable[tuple[str, str]] = (),
+    ) -> None:
+        self.arm = arm
+        self.chain = arm if isinstance(arm, Chain) else arm.chain
+        self.world = World() if world is None else world
+        self.tool = (tool,) if isinstance(tool, Item) else tuple(tool)
+        self.attached = tuple(attached)
+        self.allowed = tuple((str(a), str(b)) for a, b in allowed)
+        self.margin = float(margin)
+        if not 0.0 <= self.margin < np.inf:
+            raise WorldError(f"margin must be a finite distance of at least 0 [m], got {margin!r}")
+        self._from_chain = isinstance(arm, Chain) or arm.description is None
+        self._measure = Measure()
+        self._place_moving()
+        self._place_world()
+        self._choose_pairs()
+
+    # --- what there is
+
+    def _place_moving(self) -> None:
+        description = None if isinstance(self.arm, Chain) else self.arm.description
+        solids = solids_of_arm(self.chain, description)
+        self._from_chain = description is None or not any(link.collisions for link in description.links)
+        last = len(self.chain.screws)
+        flange = self.chain.frame(last).home
+        T_last_tip = np.linalg.inv(flange) @ self.chain.home
+        moving = [self._moving(each.link, each.name, each.solid, each.T_link_solid) for each in solids]
+        self._links = len(moving)
+        carried = (*self.tool, *self.attached)
+        names = [*dict.fromkeys(each.name for each in moving), *(item.name for item in carried), *self.world.names]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise WorldError(f"{twice!r} is the name of two of the links, tools and items; rename one")
+        moving += [self._moving(last, item.name, item.solid, T_last_tip @ item.pose) for item in carried]
+        self._moving_solids = moving
+        self.names = tuple(names)
+        for pair in (*self.allowed, *((i.name, other) for i in (*carried, *self.world) for other in i.may_touch)):
+            for name in pair:
+                if name not in names and name not in {frame.name for frame in self.chain.frames}:
+                    raise unknown_name("name", name, names, f"the collision model of {self.chain.name!r}")
+        self._body = np.array([each.body for each in moving], dtype=np.int64)
+        self._ends = np.array([[each.a, each.b] for each in moving]).reshape(-1, 2, 3)
+        self._radius = np.array([each.radius for each in moving])
+        self._exact = np.array([each.exact for each in moving], dtype=bool)
+        self._reach = 0.5 * np.linalg.norm(self._ends[:, 1] - self._ends[:, 0], axis=1) + self._radius
+        self._bodies = list(range(last + 1))
+        self._homes = np.array([self.chain.frame(k).home for k in self._bodies]).reshape(-1, 4, 4)
+        self._coal = [as_coal(each.solid, hull=True, name=each.name) for each in moving]
+        self._T_solid = [each.T for each in moving]
+
+    @staticmethod
+    def _moving(body: int, name: str, solid: Geometry, T: FloatArray) -> _Moving:
+        vertices = vertices_of(solid, name) if isinstance(solid, Mesh) else None
+        a, b, radius, exact = enclosing_capsule(solid, vertices)
+        return _Moving(body, name, solid, T, T[:3, :3] @ a + T[:3, 3], T[:3, :3] @ b + T[:3, 3], radius, exact)
+
+    def _place_world(self) -> None:
+        """Every obstacle as one or two boxes swept by balls, which hold it."""
+        rows: list[tuple[int, FloatArray, FloatArray, float, bool]] = []
+        for number, item in enumerate(self.world):
+            rows += [(number, *row) for row in _enclosures(item)]
+        self._row_item = np.array([row[0] for row in rows], dtype=np.int64)
+        T = np.array([row[1] for row in rows]).reshape(-1, 4, 4)
+        self._row_R, self._row_p = T[:, :3, :3], T[:, :3, 3]
+        self._row_half = np.array([row[2] for row in rows]).reshape(-1, 3)
+        self._row_sweep = np.array([row[3] for row in rows])
+        self._row_exact = np.array([row[4] for row in rows], dtype=bool)
+        self._row_all = self._row_R.transpose(1, 0, 2).reshape(3, -1)  # x @ this = x in the frames of all rows
+        self._row_shift = np.einsum("ki,kij->kj", self._row_p, self._row_R)
+        self._coal_world = [as_coal(item.solid, hull=False, name=item.name) for item in self.world]
+        self._T_world = [self._measure.placed(item.pose) for item in self.world]
+
+    # --- which pairs
+
+    def _may_touch(self, first: str, second: str) -> bool:
+        for a, b in self.allowed:
+            if {a, b} == {first, second}:
+                return True
+        touches = {item.name: item.may_touch for item in (*self.tool, *self.attached, *self.world)}
+        return second in touches.get(first, ()) or first in touches.get(second, ())
+
+    def _choose_pairs(self) -> None:
+        names = [each.name for each in self._moving_solids]
+        pairs = [
+            (p, k)
+            for p, name in enumerate(names)
+            if self._body[p] > 0
+            for k, item in enumerate(self.world)
+            if not self._may_touch(name, item.name)
+        ]
+        self._wanted = np.zeros((len(names), len(self.world)), dtype=bool)
+        for p, k in pairs:
+            self._wanted[p, k] = True
+        self._row_wanted = self._wanted[:, self._row_item] if len(self._row_item) else np.zeros((len(names), 0), bool)
+        self._self_first = self._self_second = np.zeros(0, dtype=np.int64)
+        self.self_pairs = self._choose_self_pairs(names)
+
+    def _choose_self_pairs(self, names: list[str]) -> SelfPairs:
+        bodies: dict[str, int] = {}
+        for name, body in zip(names, self._body, strict=True):
+            bodies.setdefault(name, int(body))
+        groups = list(bodies)
+        carried = {item.name for item in (*self.tool, *self.attached)}
+        kinds: dict[str, list[tuple[str, str]]] = {"adjacent": [], "allowed": [], "sampled": []}
+        for i, first in enumerate(groups):
+            for second in groups[i + 1 :]:
+                near = abs(bodies[first] - bodies[second]) <= 1 and not (
+                    bodies[first] != bodies[second] and (first in carried or second in carried)
+                )
+                kind = "adjacent" if near else "allowed" if self._may_touch(first, second) else "sampled"
+                kinds[kind].append((first, second))
+        members = {name: [p for p, other in enumerate(names) if other == name] for name in groups}
+        sampled = kinds["sampled"]
+        every = [(p, o) for a, b in sampled for p in members[a] for o in members[b]]
+        found: dict[str, list[tuple[str, str]]] = {"checked": [], "always": [], "never": []}
+        if every:
+            self._self_first, self._self_second = np.array(every, dtype=np.int64).T
+            distances = self._sampled_distances()
+            at = 0
+            for a, b in sampled:
+                count = len(members[a]) * len(members[b])
+                gaps = distances[:, at : at + count].min(axis=1)
+                at += count
+                found[self._verdict(gaps, abs(bodies[a] - bodies[b]), bool({a, b} & carried))].append((a, b))
+            kept = [(p, o) for a, b in found["checked"] for p in members[a] for o in members[b]]
+            self._self_first, self._self_second = np.array(kept, dtype=np.int64).reshape(-1, 2).T
+        return SelfPairs(
+            tuple(found["checked"]),
+            tuple(kinds["adjacent"]),
+            tuple(found["always"]),
+            tuple(found["never"]),
+            tuple(kinds["allowed"]),
+        )
+
+    def _sampled_distances(self) -> FloatArray:
+        """Bounds on the distances of all pairs of moving solids, (SAMPLES, pairs) [m]."""
+        lower, upper = finite_limits(self.chain)
+        random = np.random.default_rng(0)
+        q = lower + (upper - lower) * random.random((SAMPLES, self.chain.dof))
+        return np.concatenate([self._self_gaps(*self._segments(block), np.inf) for block in np.array_split(q, 4)])
+
+    def _verdict(self, gaps: FloatArray, apart: int, carried: bool) -> str:
+        touching = float((gaps < self.margin).mean())
+        if touching >= _ALWAYS or (self._from_chain and not carried and apart == 2 and touching >= _COARSE):
+            return "always"
+        return "never" if gaps.min() > _NEVER * self.reach_bound else "checked"
+
+    @cached_property
+    def reach_bound(self) -> float:
+        """No point of the moving arm is farther than this from its first axis [m]."""
+        return float(self.lever[0].max()) if len(self.lever) else float(self._reach.max(initial=0.0))
+
+    # --- how far points move
+
+    @cached_property
+    def lever(self) -> FloatArray:
+        """(m, m + 1) array: how far a point of link j can move at most when axis i moves by one unit [m/rad or 1].
+
+        Between the points c_k chosen on the axes lengths do not change, but for the travel of axes that slide, so that the distance of
+        a point x of link j from axis i is at most ``|c_i c_(i+1)| + ... + |c_(j-1) x|`` plus travels.
+        """
+        chain, m = self.chain, len(self.chain.screws)
+        turns = chain.is_revolute
+        points = np.zeros((m, 3))
+        for i, screw in enumerate(chain.screws):
+            v, w = screw[:3], screw[3:]
+            hint = chain.frame(i + 1).home[:3, 3]
+            on = np.cross(w, v)
+            points[i] = on + w * float(w @ (hint - on)) if turns[i] else hint
+        lower, upper = chain.limits.T
+        most = np.maximum(np.abs(lower), np.abs(upper))
+        travel = np.where(turns, 0.0, np.where(chain.coupling != 0.0, np.abs(chain.coupling) * most, 0.0).sum(axis=1))
+        lever = np.zeros((m, m + 1))
+        homes = self._homes
+        for j in range(1, m + 1):
+            mine = np.flatnonzero(self._body == j)
+            ends = self._ends[mine] @ homes[j, :3, :3].T + homes[j, :3, 3]
+            for i in range(j):
+                if not turns[i]:
+                    lever[i, j] = 1.0
+                    continue
+                if not len(mine):
+                    continue
+                way = sum(float(np.linalg.norm(points[k + 1] - points[k])) for k in range(i, j - 1))
+                far = np.linalg.norm(ends - points[j - 1], axis=2).max(axis=1) + self._radius[mine]
+                lever[i, j] = way + float(travel[i + 1 : j].sum()) + float(far.max())
+        return lever
+
+    def displacement(self, dq: ArrayLike) -> FloatArray:
+        """How far any point of each link moves at most while the joints move straight by `dq`: (..., n) -> (..., m + 1) [m]."""
+        return np.abs(np.asarray(dq) @ self.chain.coupling.T) @ self.lever
+
+    # --- bounds for many states
+
+    def _segments(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Ends of all capsules in the base frame, (k, p, 3) each."""
+        Ts = self.chain.native.link_poses(np.ascontiguousarray(q), self._bodies, self._homes)[:, self._body]
+        a = np.einsum("kpij,pj->kpi", Ts[..., :3, :3], self._ends[:, 0]) + Ts[..., :3, 3]
+        b = np.einsum("kpij,pj->kpi", Ts[..., :3, :3], self._ends[:, 1]) + Ts[..., :3, 3]
+        return a, b
+
+    def _self_gaps(self, a: FloatArray, b: FloatArray, enough: FloatArray | float) -> FloatArray:
+        """Lower bounds (k, pairs) on the distances of pairs of the arm; sharp below `enough`, (k, pairs) or one number [m]."""
+        first, second = self._self_first, self._self_second
+        middle = 0.5 * (a + b)
+        apart = middle[:, first] - middle[:, second]
+        gaps = np.sqrt(np.einsum("kpi,kpi->kp", apart, apart)) - (self._reach[first] + self._reach[second])
+        k, pair = np.nonzero(gaps < enough)
+        if len(k):
+            p, o = first[pair], second[pair]
+            gaps[k, pair] = segment_to_segment(a[k, p], b[k, p], a[k, o], b[k, o]) - (self._radius[p] + self._radius[o])
+        return gaps
+
+    def _world_gaps(self, a: FloatArray, b: FloatArray, enough: FloatArray | float) -> FloatArray:
+        """Lower bounds (k, p, rows) on the distances from the rows of the world; infinite for pairs that are not looked at."""
+        shape = (*a.shape[:2], len(self._row_item), 3)
+        middle = (0.5 * (a + b)).reshape(-1, 3) @ self._row_all
+        local = middle.reshape(shape) - self._row_shift
+        outside = np.maximum(np.abs(local) - self._row_half, 0.0)
+        gaps = np.sqrt(np.einsum("kpri,kpri->kpr", outside, outside))
+        gaps -= self._reach[:, None] + self._row_sweep
+        gaps[:, ~self._row_wanted] = np.inf
+        bound = enough if np.ndim(enough) == 0 else np.asarray(enough)[..., None]
+        k, p, row = np.nonzero(gaps < bound)
+        if len(k):
+            R = self._row_R[row]
+            start, end = (np.einsum("si,sij->sj", x[k, p] - self._row_p[row], R) for x in (a, b))
+            gaps[k, p, row] = segment_to_box(start, end, self._row_half[row]) - (
+                self._radius[p] + self._row_sweep[row]
+            )
+        return gaps
+
+    def bounds(self, q: FloatArray, enough: FloatArray) -> FloatArray:
+        """Lower bounds on the clearance of each link in states (k, n): (k, m + 1) [m].
+
+        A bound that is below the margin is the distance itself, or below 0. Distances of `enough` (m + 1,) and more need not be told.
+
+        Notes
+        -----
+        The clearance of a link is from the world and from the links before it.
+        """
+        a, b = self._segments(q)
+        count = len(self._moving_solids)
+        clear = np.full((len(q), len(self._bodies)), np.inf)
+        wanted = np.broadcast_to(enough[self._body], (len(q), count))
+        if len(self._row_item):
+            gaps = self._world_gaps(a, b, wanted)
+            near = gaps < self.margin
+            if near.any():
+                self._settle_world(q, gaps, near)
+            each = gaps.min(axis=2)
+            for body in np.unique(self._body):
+                clear[:, body] = each[:, self._body == body].min(axis=1)
+        if len(self._self_first):
+            high = np.maximum(self._body[self._self_first], self._body[self._self_second])
+            gaps = self._self_gaps(a, b, np.broadcast_to(enough[high], (len(q), len(high))))
+            near = gaps < self.margin
+            if near.any():
+                self._settle_self(q, gaps, near)
+            for body in np.unique(high):
+                clear[:, body] = np.minimum(clear[:, body], gaps[:, high == body].min(axis=1))
+        return clear
+
+    def _settle_world(self, q: FloatArray, gaps: FloatArray, near: NDArray[np.bool_]) -> None:
+        """Replace bounds that do not decide by what Coal measures."""
+        open_ones = near & ~(self._exact[:, None] & self._row_exact)
+        decided = (near & ~open_ones).any(axis=(1, 2))
+        found: dict[tuple[int, int, int], float] = {}
+        placed: dict[tuple[int, int], Any] = {}
+        for k, p, row in np.argwhere(open_ones & ~decided[:, None, None]):
+            item = int(self._row_item[row])
+            key = (int(k), int(p), item)
+            if key not in found:
+                others = gaps[k, p, self._row_item == item]
+                if others.max() >= self.margin:  # another box around the same obstacle is clear
+                    found[key] = float(others.max())
+                else:
+                    T = self._placed(q, int(k), int(p), placed)
+                    found[key] = self._measure.distance(self._coal[p], T, self._coal_world[item], self._T_world[item])
+            gaps[k, p, row] = found[key]
+
+    def _settle_self(self, q: FloatArray, gaps: FloatArray, near: NDArray[np.bool_]) -> None:
+        exact = self._exact[self._self_first] & self._exact[self._self_second]
+        decided = (near & exact).any(axis=1)
+        placed: dict[tuple[int, int], Any] = {}
+        for k, pair in np.argwhere(near & ~exact & ~decided[:, None]):
+            p, o = int(self._self_first[pair]), int(self._self_second[pair])
+            Tp, To = self._placed(q, int(k), p, placed), self._placed(q, int(k), o, placed)
+            gaps[k, pair] = self._measure.distance(self._coal[p], Tp, self._coal[o], To)
+
+    def _placed(self, q: FloatArray, k: int, p: int, kept: dict[tuple[int, int], Any]) -> Any:
+        if (k, p) not in kept:
+            Ts = self.chain.native.link_poses(q[k], self._bodies, self._homes)
+            for other, body in enumerate(self._body):
+                kept[k, other] = self._measure.placed(Ts[body] @ self._T_solid[other])
+        return kept[k, p]
+
+    # --- answers
+
+    def is_free(self, q: ArrayLike) -> Any:
+        """Whether every pair is at least the margin apart: (..., n) -> (...); one state gives a bool.
+
+        Parameters
+        ----------
+        q : (..., n) array_like
+            Joint values [rad or m]. Limits are not looked at.
+
+        Raises
+        ------
+        ArrayError
+            A wrong shape, or a number that is not finite.
+        """
+        values = as_joints(self.chain, q)
+        flat = values.reshape(-1, self.chain.dof)
+        enough = np.full(len(self._bodies), self.margin)
+        free = np.empty(len(flat), dtype=bool)
+        for start in range(0, len(flat), _BLOCK):
+            block = flat[start : start + _BLOCK]
+            free[start : start + _BLOCK] = (self.bounds(block, enough) >= self.margin).all(axis=1)
+        return bool(free[0]) if values.ndim == 1 else free.reshape(values.shape[:-1])
+
+    def distance(self, q: ArrayLike) -> Nearest:
+        """The nearest pair at joint values (n,), by Coal.
+
+        Returns
+        -------
+        Nearest
+            Named, with distance and points. Where several overlap, the deepest.
+        """
+        values = self._one(q)
+        best = Nearest(np.inf, "", "", np.full(3, np.nan), np.full(3, np.nan))
+        for bound, p, other in self._candidates(values):
+            if bound > best.distance and bound > 0.0:
+                break
+            gap, names = self._exactly(values, p, other)
+            if gap.distance < best.distance:
+                best = Nearest(gap.distance, *names, gap.p_first, gap.p_second)
+        return best
+
+    def distances(self, q: ArrayLike) -> FloatArray:
+        """Distance [m] of the nearest pair for many states: (..., n) -> (...)."""
+        values = as_joints(self.chain, q)
+        flat = values.reshape(-1, self.chain.dof)
+        return np.array([self.distance(row).distance for row in flat]).reshape(values.shape[:-1])
+
+    def contacts(self, q: ArrayLike) -> tuple[Nearest, ...]:
+        """Every pair of solids that is nearer than the margin at joint values (n,), the deepest first."""
+        values = self._one(q)
+        found = []
+        for bound, p, other in self._candidates(values):
+            if bound >= self.margin:
+                break
+            gap, names = self._exactly(values, p, other)
+            if gap.distance < self.margin:
+                found.append(Nearest(gap.distance, *names, gap.p_first, gap.p_second))
+        return tuple(sorted(found, key=lambda pair: pair.distance))
+
+    def _one(self, q: ArrayLike) -> FloatArray:
+        values = as_joints(self.chain, q)
+        if values.ndim != 1:
+            raise ArrayError(f"q must have shape ({self.chain.dof},), got {values.shape}; use `distances` or `is_free`")
+        return values
+
+    def _candidates(self, q: FloatArray) -> list[tuple[float, int, tuple[str, int]]]:
+        """Every pair with a lower bound on its distance [m], the least first."""
+        a, b = self._segments(q[None])
+        found: list[tuple[float, int, tuple[str, int]]] = []
+        if len(self._row_item):
+            gaps = self._world_gaps(a, b, np.inf)[0]
+            for p, k in np.argwhere(self._wanted):
+                found.append((float(gaps[p, self._row_item == k].max()), int(p), ("world", int(k))))
+        if len(self._self_first):
+            gaps = self._self_gaps(a, b, np.inf)[0]
+            found += [
+                (float(gap), int(p), ("self", int(o)))
+                for gap, p, o in zip(gaps, self._self_first, self._self_second, strict=True)
+            ]
+        return sorted(found, key=lambda each: each[0])
+
+    def _exactly(self, q: FloatArray, p: int, other: tuple[str, int]) -> tuple[Any, tuple[str, str]]:
+        placed: dict[tuple[int, int], Any] = {}
+        T = self._placed(q[None], 0, p, placed)
+        kind, k = other
+        name = self._moving_solids[p].name
+        if kind == "world":
+            return (
+                self._measure.gap(self._coal[p], T, self._coal_world[k], self._T_world[k]),
+                (name, self.world.items[k].name),
+            )
+        T_other = self._placed(q[None], 0, k, placed)
+        return self._measure.gap(self._coal[p], T, self._coal[k], T_other), (name, self._moving_solids[k].name)
+
+    # --- a changed model
+
+    def with_margin(self, margin: float) -> CollisionModel:
+        """The same with another margin [m]."""
+        return self._changed(margin=margin)
+
+    def with_world(self, world: World) -> CollisionModel:
+        """The same in another world."""
+        return self._changed(world=world)
+
+    def grasp(self, name: str, q: ArrayLike) -> CollisionModel:
+        """The model once the item of that name is held by the tip, where it is now, at joint values (n,).
+
+        Raises
+        ------
+        UnknownNameError
+            The world has no item of that name.
+        """
+        from dataclasses import replace
+
+        item = self.world[name]
+        T_tip_item = np.linalg.inv(self.chain.native.fk(self._one(q))) @ item.pose
+        return self._changed(
+            world=self.world.without(name), attached=(*self.attached, replace(item, T=T_tip_item))
+        )
+
+    def release(self, name: str, q: ArrayLike) -> CollisionModel:
+        """The model once the object of that name is left where it is at joint values (n,)."""
+        from dataclasses import replace
+
+        held = {item.name: item for item in self.attached}
+        if name not in held:
+            raise unknown_name("item", name, held, "the grasp")
+        T = self.chain.native.fk(self._one(q)) @ held[name].pose
+        return self._changed(
+            world=self.world.with_items([replace(held[name], T=T)]),
+            attached=tuple(item for item in self.attached if item.name != name),
+        )
+
+    def _changed(self, **changes: Any) -> CollisionModel:
+        kept: dict[str, Any] = {
+            "world": self.world, "tool": self.tool, "attached": self.attached, "margin": self.margin, "allowed": self.allowed,
+        }  # fmt: skip
+        return CollisionModel(self.arm, **{**kept, **changes})
+
+    def solids(self, q: ArrayLike) -> list[tuple[str, Geometry, FloatArray]]:
+        """Name, solid and pose (4, 4) in the base frame of everything that moves, at joint values (n,); to draw or to check."""
+        Ts = self.chain.native.link_poses(self._one(q), self._bodies, self._homes)
+        return [(each.name, each.solid, Ts[each.body] @ each.T) for each in self._moving_solids]
+
+
+def finite_limits(chain: Chain) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper limits (n,); -pi and pi for a joint that turns without end, -1 and 1 m for one that slides so."""
+    turns = ((chain.coupling != 0.0) & chain.is_revolute[:, None]).any(axis=0)
+    end = np.where(turns, np.pi, 1.0)
+    lower, upper = chain.limits.T
+    return np.where(np.isfinite(lower), lower, -end), np.where(np.isfinite(upper), upper, end)
+
+
+def _enclosures(item: Item) -> Sequence[tuple[FloatArray, FloatArray, float, bool]]:
+    """Boxes swept by balls that hold an obstacle: pose (4, 4), half the edges (3,) and radius [m], and whether it is the obstacle itself."""
+    solid, T = item.solid, item.pose
+    if isinstance(solid, Box):
+        return [(T, 0.5 * solid.size, 0.0, True)]
+    if isinstance(solid, Sphere):
+        return [(T, np.zeros(3), solid.radius, True)]
+    if isinstance(solid, Capsule):
+        return [(T, np.array([0.0, 0.0, 0.5 * solid.length]), solid.radius, True)]
+    if isinstance(solid, Cylinder):
+        half = 0.5 * solid.length
+        return [
+            (T, np.array([solid.radius, solid.radius, half]), 0.0, False),
+            (T, np.array([0.0, 0.0, half]), solid.radius, False),
+        ]
+    vertices = vertices_of(solid, item.name)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    middle = np.eye(4)
+    middle[:3, 3] = 0.5 * (low + high)
+    return [(T @ middle, 0.5 * (high - low), 0.0, False)]
