@@ -39,28 +39,34 @@ def segment_to_box(a: FloatArray, b: FloatArray, half: FloatArray) -> FloatArray
     >>> segment_to_box(np.array([[2.0, -1.0, 0.0]]), np.array([[2.0, 5.0, 0.0]]), np.ones((1, 3)))
     array([1.])
     """
+    a, b, half = (np.ascontiguousarray(np.broadcast_to(x, a.shape).T) for x in (a, b, half))  # (3, k): quick along k
     d = b - a
     still = d == 0.0
     inverse = 1.0 / np.where(still, 1.0, d)
-    low = np.where(still, 0.0, (-half - a) * inverse)
-    high = np.where(still, 0.0, (half - a) * inverse)
-    ends = np.zeros((len(a), 2))
-    ends[:, 1] = 1.0
-    t = np.clip(np.concatenate([ends, low, high], axis=1), 0.0, 1.0)  # (k, 8)
-    x = a[:, None, :] + t[:, :, None] * d[:, None, :]
-    outside = x - np.clip(x, -half[:, None, :], half[:, None, :])
-    slope = np.einsum("kti,ki->kt", outside, d)
+    inverse[still] = 0.0
+    t = np.empty((8, a.shape[1]))
+    t[:2] = [[0.0], [1.0]]
+    np.multiply(-half - a, inverse, out=t[2:5])
+    np.multiply(half - a, inverse, out=t[5:])
+    np.maximum(t, 0.0, out=t)
+    np.minimum(t, 1.0, out=t)
+    slope = np.zeros_like(t)
+    for axis in range(3):
+        x = t * d[axis]
+        x += a[axis]
+        x -= np.minimum(np.maximum(x, -half[axis]), half[axis])
+        x *= d[axis]
+        slope += x
     falling, rising = slope <= 0.0, slope >= 0.0
-    t_low = np.where(falling, t, 0.0).max(axis=1)
-    t_high = np.where(rising, t, 1.0).min(axis=1)
-    s_low = np.where(falling, slope, -np.inf).max(axis=1)
-    s_high = np.where(rising, slope, np.inf).min(axis=1)
-    bracketed = np.isfinite(s_low) & np.isfinite(s_high) & (s_high > s_low)
+    t_low, t_high = np.where(falling, t, 0.0).max(axis=0), np.where(rising, t, 1.0).min(axis=0)
+    s_low, s_high = np.where(falling, slope, -np.inf).max(axis=0), np.where(rising, slope, np.inf).min(axis=0)
+    bracketed = (s_low > -np.inf) & (s_high < np.inf) & (s_high > s_low)
     share = np.where(bracketed, -s_low, 0.0) / np.where(bracketed, s_high - s_low, 1.0)
-    best = np.where(np.isfinite(s_low), t_low, 0.0) + share * np.where(bracketed, t_high - t_low, 0.0)
-    p = a + best[:, None] * d
-    e = p - np.clip(p, -half, half)
-    return np.sqrt(np.einsum("ki,ki->k", e, e))
+    best = t_low + share * np.where(bracketed, t_high - t_low, 0.0)
+    p = a + best * d
+    p -= np.minimum(np.maximum(p, -half), half)
+    p *= p
+    return np.asarray(np.sqrt(p[0] + p[1] + p[2]))
 
 
 def segment_to_segment(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> FloatArray:

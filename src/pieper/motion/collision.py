@@ -181,6 +181,7 @@ class CollisionModel:
         last = len(self.chain.screws)
         flange = self.chain.frame(last).home
         T_last_tip = np.linalg.inv(flange) @ self.chain.home
+        solids = tuple(sorted(solids, key=lambda each: each.link))
         moving = [self._moving(each.link, each.name, each.solid, each.T_link_solid) for each in solids]
         self._links = len(moving)
         carried = (*self.tool, *self.attached)
@@ -197,6 +198,8 @@ class CollisionModel:
                     raise unknown_name("name", name, names, f"the collision model of {self.chain.name!r}")
         self._body = np.array([each.body for each in moving], dtype=np.int64)
         self._ends = np.array([[each.a, each.b] for each in moving]).reshape(-1, 2, 3)
+        ones = np.ones((len(moving), 1, 2))
+        self._ends_of_columns = np.concatenate([self._ends.transpose(0, 2, 1), ones], axis=1)  # (p, 4, 2)
         self._radius = np.array([each.radius for each in moving])
         self._exact = np.array([each.exact for each in moving], dtype=bool)
         self._reach = 0.5 * np.linalg.norm(self._ends[:, 1] - self._ends[:, 0], axis=1) + self._radius
@@ -222,7 +225,7 @@ class CollisionModel:
         self._row_half = np.array([row[2] for row in rows]).reshape(-1, 3)
         self._row_sweep = np.array([row[3] for row in rows])
         self._row_exact = np.array([row[4] for row in rows], dtype=bool)
-        self._row_all = self._row_R.transpose(1, 0, 2).reshape(3, -1)  # x @ this = x in the frames of all rows
+        self._row_axes = [np.ascontiguousarray(self._row_R[:, :, axis].T) for axis in range(3)]  # (3, rows) each
         self._row_shift = np.einsum("ki,kij->kj", self._row_p, self._row_R)
         self._coal_world = [as_coal(item.solid, hull=False, name=item.name) for item in self.world]
         self._T_world = [self._measure.placed(item.pose) for item in self.world]
@@ -249,6 +252,10 @@ class CollisionModel:
         for p, k in pairs:
             self._wanted[p, k] = True
         self._row_wanted = self._wanted[:, self._row_item] if len(self._row_item) else np.zeros((len(names), 0), bool)
+        self._row_thick = self._radius[:, None] + self._row_sweep
+        self._row_beyond = np.where(self._row_wanted, self._reach[:, None] + self._row_sweep, -np.inf)
+        starts = np.flatnonzero(np.diff(self._body, prepend=-1))
+        self._runs = starts, self._body[starts]
         self._self_first = self._self_second = np.zeros(0, dtype=np.int64)
         self.self_pairs = self._choose_self_pairs(names)
 
@@ -280,7 +287,11 @@ class CollisionModel:
                 at += count
                 found[self._verdict(gaps, abs(bodies[a] - bodies[b]), bool({a, b} & carried))].append((a, b))
             kept = [(p, o) for a, b in found["checked"] for p in members[a] for o in members[b]]
+            kept.sort(key=lambda pair: max(self._body[pair[0]], self._body[pair[1]]))
             self._self_first, self._self_second = np.array(kept, dtype=np.int64).reshape(-1, 2).T
+        self._self_high = np.maximum(self._body[self._self_first], self._body[self._self_second])
+        starts = np.flatnonzero(np.diff(self._self_high, prepend=-1))
+        self._self_runs = starts, self._self_high[starts]
         return SelfPairs(
             tuple(found["checked"]),
             tuple(kinds["adjacent"]),
@@ -351,17 +362,17 @@ class CollisionModel:
 
     def _segments(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Ends of all capsules in the base frame, (k, p, 3) each."""
-        Ts = self.chain.native.link_poses(np.ascontiguousarray(q), self._bodies, self._homes)[:, self._body]
-        a = np.einsum("kpij,pj->kpi", Ts[..., :3, :3], self._ends[:, 0]) + Ts[..., :3, 3]
-        b = np.einsum("kpij,pj->kpi", Ts[..., :3, :3], self._ends[:, 1]) + Ts[..., :3, 3]
-        return a, b
+        Ts = self.chain.native.link_poses(np.ascontiguousarray(q), self._bodies, self._homes)[:, self._body, :3]
+        ends = Ts @ self._ends_of_columns  # (k, p, 3, 2)
+        return ends[..., 0], ends[..., 1]
 
     def _self_gaps(self, a: FloatArray, b: FloatArray, enough: FloatArray | float) -> FloatArray:
         """Lower bounds (k, pairs) on the distances of pairs of the arm; sharp below `enough`, (k, pairs) or one number [m]."""
         first, second = self._self_first, self._self_second
         middle = 0.5 * (a + b)
         apart = middle[:, first] - middle[:, second]
-        gaps = np.sqrt(np.einsum("kpi,kpi->kp", apart, apart)) - (self._reach[first] + self._reach[second])
+        apart *= apart
+        gaps = np.sqrt(apart[..., 0] + apart[..., 1] + apart[..., 2]) - (self._reach[first] + self._reach[second])
         k, pair = np.nonzero(gaps < enough)
         if len(k):
             p, o = first[pair], second[pair]
@@ -370,21 +381,25 @@ class CollisionModel:
 
     def _world_gaps(self, a: FloatArray, b: FloatArray, enough: FloatArray | float) -> FloatArray:
         """Lower bounds (k, p, rows) on the distances from the rows of the world; infinite for pairs that are not looked at."""
-        shape = (*a.shape[:2], len(self._row_item), 3)
-        middle = (0.5 * (a + b)).reshape(-1, 3) @ self._row_all
-        local = middle.reshape(shape) - self._row_shift
-        outside = np.maximum(np.abs(local) - self._row_half, 0.0)
-        gaps = np.sqrt(np.einsum("kpri,kpri->kpr", outside, outside))
-        gaps -= self._reach[:, None] + self._row_sweep
-        gaps[:, ~self._row_wanted] = np.inf
-        bound = enough if np.ndim(enough) == 0 else np.asarray(enough)[..., None]
-        k, p, row = np.nonzero(gaps < bound)
+        shape = (*a.shape[:2], len(self._row_item))
+        middle = 0.5 * (a + b)
+        squared = np.zeros(shape)
+        for axis in range(3):
+            local = (middle.reshape(-1, 3) @ self._row_axes[axis]).reshape(shape)
+            local -= self._row_shift[:, axis]
+            np.abs(local, out=local)
+            local -= self._row_half[:, axis]
+            np.maximum(local, 0.0, out=local)
+            local *= local
+            squared += local
+        gaps = np.sqrt(squared, out=squared)
+        gaps -= self._row_beyond
+        k, p, row = np.nonzero(gaps < (enough if np.ndim(enough) == 0 else np.asarray(enough)[..., None]))
         if len(k):
-            R = self._row_R[row]
-            start, end = (np.einsum("si,sij->sj", x[k, p] - self._row_p[row], R) for x in (a, b))
-            gaps[k, p, row] = segment_to_box(start, end, self._row_half[row]) - (
-                self._radius[p] + self._row_sweep[row]
-            )
+            R, center = self._row_R[row], self._row_p[row]
+            start = ((a[k, p] - center)[:, None] @ R)[:, 0]
+            end = ((b[k, p] - center)[:, None] @ R)[:, 0]
+            gaps[k, p, row] = segment_to_box(start, end, self._row_half[row]) - self._row_thick[p, row]
         return gaps
 
     def bounds(self, q: FloatArray, enough: FloatArray) -> FloatArray:
@@ -397,25 +412,22 @@ class CollisionModel:
         The clearance of a link is from the world and from the links before it.
         """
         a, b = self._segments(q)
-        count = len(self._moving_solids)
         clear = np.full((len(q), len(self._bodies)), np.inf)
-        wanted = np.broadcast_to(enough[self._body], (len(q), count))
+        wanted = enough[self._body]
         if len(self._row_item):
             gaps = self._world_gaps(a, b, wanted)
             near = gaps < self.margin
             if near.any():
                 self._settle_world(q, gaps, near)
-            each = gaps.min(axis=2)
-            for body in np.unique(self._body):
-                clear[:, body] = each[:, self._body == body].min(axis=1)
+            starts, bodies = self._runs
+            np.minimum.at(clear, (slice(None), bodies), np.minimum.reduceat(gaps.min(axis=2), starts, axis=1))
         if len(self._self_first):
-            high = np.maximum(self._body[self._self_first], self._body[self._self_second])
-            gaps = self._self_gaps(a, b, np.broadcast_to(enough[high], (len(q), len(high))))
+            gaps = self._self_gaps(a, b, enough[self._self_high])
             near = gaps < self.margin
             if near.any():
                 self._settle_self(q, gaps, near)
-            for body in np.unique(high):
-                clear[:, body] = np.minimum(clear[:, body], gaps[:, high == body].min(axis=1))
+            starts, bodies = self._self_runs
+            np.minimum.at(clear, (slice(None), bodies), np.minimum.reduceat(gaps, starts, axis=1))
         return clear
 
     def _settle_world(self, q: FloatArray, gaps: FloatArray, near: NDArray[np.bool_]) -> None:
@@ -447,9 +459,9 @@ class CollisionModel:
 
     def _placed(self, q: FloatArray, k: int, p: int, kept: dict[tuple[int, int], Any]) -> Any:
         if (k, p) not in kept:
-            Ts = self.chain.native.link_poses(q[k], self._bodies, self._homes)
-            for other, body in enumerate(self._body):
-                kept[k, other] = self._measure.placed(Ts[body] @ self._T_solid[other])
+            if (k, -1) not in kept:
+                kept[k, -1] = self.chain.native.link_poses(q[k], self._bodies, self._homes)
+            kept[k, p] = self._measure.placed(kept[k, -1][self._body[p]] @ self._T_solid[p])
         return kept[k, p]
 
     # --- answers

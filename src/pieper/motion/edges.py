@@ -17,10 +17,13 @@ from pieper.errors import MotionError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from numpy.typing import NDArray
+
     from pieper.model.chain import FloatArray
     from pieper.motion.collision import CollisionModel
 
 _FIRST = 0.25  # how far points may move between the first states that are looked at, as a fraction of the reach
+_SCREENED = 8
 _MOST = 4096  # states of one edge; more are a mistake of units
 
 
@@ -119,6 +122,13 @@ class EdgeCheck:
             c_left, c_right = np.concatenate([c_left, c_middle]), np.concatenate([c_middle, c_right])
             order = np.argsort(left, kind="stable")
             left, c_left, c_right = left[order], c_left[order], c_right[order]
+
+    def screen(self, starts: FloatArray, goals: FloatArray) -> NDArray[np.bool_]:
+        """Which of several edges (k, n) are not blocked at any of nine states, looked at together; a quick no, never a yes."""
+        s = (np.arange(_SCREENED + 1) / _SCREENED)[:, None, None]
+        states = np.asarray(starts) + s * (np.asarray(goals) - np.asarray(starts))
+        self.states += states.shape[0] * states.shape[1]
+        return np.asarray(self.model.is_free(states).all(axis=0))
 
     def free(self, start: FloatArray, goal: FloatArray) -> bool:
         """Whether one edge is free."""

@@ -1,4 +1,4 @@
-"""RRT-Connect and shortening of paths: the only file that knows OMPL (https://ompl.kavrakilab.org).
+"""RRT-Connect: the only file that knows OMPL (https://ompl.kavrakilab.org).
 
 OMPL asks whether whole edges are free (its ``MotionValidator``), so that its own resolution, a fraction of the diagonal of the space, plays no
 part, and one question covers many states.
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from pieper.model.chain import FloatArray
 
-_SHORTER = (30, 12)  # random shortcuts that are tried, and how many in a row may fail
-_SHARE = 0.5  # of the path that a shortcut spans at most
 
 
 def _ompl() -> tuple[Any, Any, Any]:
@@ -43,7 +41,6 @@ def search(
     stop: Callable[[], bool],
     seed: int,
     longest: float,
-    simplify: bool,
 ) -> FloatArray | None:
     """Find a path of straight edges from a start to the first of some goals that is met.
 
@@ -61,7 +58,6 @@ def search(
         Above 0.
     longest : float
         An edge of the tree is not longer, in the unit of the states.
-    simplify : bool
 
     Returns
     -------
@@ -129,11 +125,6 @@ def search(
     path = None
     if problem.hasExactSolution() and not trouble:
         found = problem.getSolutionPath()
-        if simplify:
-            simplifier = og.PathSimplifier(information)
-            simplifier.reduceVertices(found, *_SHORTER, _SHARE)
-            simplifier.partialShortcutPath(found, *_SHORTER, _SHARE)
-            simplifier.reduceVertices(found, *_SHORTER, 1.0)
         path = np.array([values(state) for state in found.getStates()])
     if trouble:
         raise trouble[0]

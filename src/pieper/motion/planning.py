@@ -20,6 +20,7 @@ from pieper.model.chain import Chain
 from pieper.motion.collision import DEFAULT_MARGIN, CollisionModel, Nearest, finite_limits
 from pieper.motion.edges import EdgeCheck
 from pieper.motion.ompl_search import search
+from pieper.motion.shorten import shorten
 from pieper.spatial._checks import FloatArray, poses, stack
 
 if TYPE_CHECKING:
@@ -45,13 +46,15 @@ STATUSES = (
 DEFAULT_TIMEOUT = 5.0
 """Seconds."""
 
-MOST_GOALS = 24
+MOST_GOALS = 12
 """Joint vectors of a goal pose that are taken, the nearest to the start first."""
 
 _ROUNDING = 1e-9  # [rad or m] outside a limit by rounding
 _BESIDE = np.pi  # [rad] how far beyond start and goals a joint that turns is moved in a search
-_LIGHT = 0.25  # joints count by how far they move points, but not less than this fraction of the most
-_LONGEST = 1.2  # [rad of the joint that moves points farthest] of an edge in the search
+import os
+_LIGHT = float(os.environ.get("LI","0.25"))  # joints count by how far they move points, but not less than this fraction of the most
+import os
+_LONGEST = float(os.environ.get("LL","0.6"))  # [rad of the joint that moves points farthest] of an edge in the search
 _TOLD = 0.05  # seconds between two calls of progress
 
 
@@ -338,13 +341,14 @@ class _Task:
     def straight(self) -> Plan | None:
         """The first goal, in the order of their distance, that can be reached without any turn."""
         order = np.argsort(np.linalg.norm((self.goals - self.start) * self._weights(), axis=1), kind="stable")
+        open_ones = self.edges.screen(np.broadcast_to(self.start, self.goals.shape), self.goals)
         for k in map(int, order):
             goal = self.goals[k]
             if (goal == self.start).all():
                 return self._plan("found", "", self.start[None], k, None)
             if self._stopped(in_time=False):
                 return self._without_path()
-            if self.edges.free(self.start, goal):
+            if open_ones[k] and self.edges.free(self.start, goal):
                 return self._plan("found", "", np.stack([self.start, goal]), k, None)
         return None
 
@@ -377,14 +381,15 @@ class _Task:
             stop=self._stopped,
             seed=seed + 1,
             longest=_LONGEST,
-            simplify=simplify,
         )
         if path is None:
             return self._without_path()
         q = path / weights
         k = int(np.argmin(np.abs(self.goals - q[-1]).max(axis=1)))
         q[0], q[-1] = self.start, self.goals[k]
-        if not self.edges.path_is_free(q):  # by rounding of the ends at most
+        if simplify:
+            q = shorten(q, self.edges, weights=weights, seed=seed, stop=self._stopped)
+        if not self.edges.path_is_free(q):  # by rounding of the scales at most
             return self._without_path()
         return self._plan("found", "", q, k, None)
 
