@@ -1,5 +1,6 @@
 """Shelves to plan in: the nine slots before a KR210, and random ones before a UR5e; and a check of states by MuJoCo alone."""
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -212,7 +213,7 @@ class Judge:
 def dense(path, model, spacing):
     """States along a path (k, n) between which no point moves by more than `spacing` [m]."""
     rows = [path[:1]]
-    for a, b in zip(path[:-1], path[1:], strict=True):
+    for a, b in itertools.pairwise(path):
         count = int(np.ceil(float(model.displacement(b - a).max()) / spacing))
         rows.append(a + (np.arange(1, count + 1) / count)[:, None] * (b - a))
     return np.vstack(rows)

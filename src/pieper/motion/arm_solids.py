@@ -127,7 +127,9 @@ def _moved(joint: Joint) -> FloatArray:
     return exp(screw)
 
 
-def enclosing_capsule(solid: Geometry, vertices: FloatArray | None = None) -> tuple[FloatArray, FloatArray, float, bool]:
+def enclosing_capsule(
+    solid: Geometry, vertices: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray, float, bool]:
     """Ends (3,) and radius [m] of a capsule that holds a solid, in the frame of the solid, and whether it is the solid itself.
 
     Parameters

@@ -56,9 +56,7 @@ class Measure:
     def gap(self, first: Any, T_first: Any, second: Any, T_second: Any) -> Gap:
         """The same with the nearest points."""
         distance = self.distance(first, T_first, second, T_second)
-        return Gap(
-            distance, np.array(self._result.getNearestPoint1()), np.array(self._result.getNearestPoint2())
-        )
+        return Gap(distance, np.array(self._result.getNearestPoint1()), np.array(self._result.getNearestPoint2()))
 
 
 def as_coal(solid: Geometry, *, hull: bool, name: str = "") -> Any:

@@ -21,7 +21,6 @@ from pieper.motion.arm_solids import enclosing_capsule, solids_of_arm
 from pieper.motion.clearance import segment_to_box, segment_to_segment
 from pieper.motion.coal_solids import Measure, as_coal, vertices_of
 from pieper.motion.world import Item, World
-from pieper.spatial._checks import FloatArray
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
 
     from pieper.model.description import Geometry
     from pieper.motion.arm_solids import ArmLike
+    from pieper.spatial._checks import FloatArray
 
 DEFAULT_MARGIN = 0.01
 """Metres that are kept between solids unless told otherwise."""
@@ -581,9 +581,7 @@ class CollisionModel:
 
         item = self.world[name]
         T_tip_item = np.linalg.inv(self.chain.native.fk(self._one(q))) @ item.pose
-        return self._changed(
-            world=self.world.without(name), attached=(*self.attached, replace(item, T=T_tip_item))
-        )
+        return self._changed(world=self.world.without(name), attached=(*self.attached, replace(item, T=T_tip_item)))
 
     def release(self, name: str, q: ArrayLike) -> CollisionModel:
         """The model once the object of that name is left where it is at joint values (n,)."""

@@ -8,6 +8,7 @@ every link, and halved otherwise; so the far part of an edge costs a few states,
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -138,7 +139,7 @@ class EdgeCheck:
         """Whether the way through joint vectors (k, n) is free."""
         if len(q) == 1:
             return bool(self.model.is_free(q[0]))
-        return all(self.free(a, b) for a, b in zip(q[:-1], q[1:], strict=True))
+        return all(self.free(a, b) for a, b in itertools.pairwise(q))
 
     def _look(self, q0: FloatArray, dq: FloatArray, s: FloatArray, moved: FloatArray) -> FloatArray:
         """Clearances of the links at shares of the edge, sharp as far as they matter where links move by `moved` between two of them."""

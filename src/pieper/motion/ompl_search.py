@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from pieper.model.chain import FloatArray
 
 
-
 def _ompl() -> tuple[Any, Any, Any]:
     try:
         return import_module("ompl.base"), import_module("ompl.geometric"), import_module("ompl.util")
@@ -91,7 +90,7 @@ def search(
         return np.array([state[i] for i in range(n)])
 
     class Edges(ob.MotionValidator):  # type: ignore[misc, name-defined]
-        def checkMotion(self, first: Any, second: Any, *_: Any) -> bool:  # noqa: N802  OMPL's name
+        def checkMotion(self, first: Any, second: Any, *_: Any) -> bool:
             return guarded(lambda: edge_is_free(values(first), values(second)))
 
     space = ob.RealVectorStateSpace(n)

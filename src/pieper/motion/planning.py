@@ -16,11 +16,12 @@ from pieper.errors import ArrayError, MotionError
 from pieper.ik.solve import solve
 from pieper.ik.target import Target
 from pieper.kinematics.joints import as_joints
-from pieper.model.chain import Chain
 from pieper.motion.collision import DEFAULT_MARGIN, CollisionModel, Nearest, finite_limits
 from pieper.motion.edges import EdgeCheck
+from pieper.motion.joint_move import joint_move
 from pieper.motion.ompl_search import search
 from pieper.motion.shorten import shorten
+from pieper.motion.trajectory import Trajectory
 from pieper.spatial._checks import FloatArray, poses, stack
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
+    from pieper.model.chain import Chain
     from pieper.motion.arm_solids import ArmLike
     from pieper.motion.world import Item, World
 
@@ -51,10 +53,8 @@ MOST_GOALS = 12
 
 _ROUNDING = 1e-9  # [rad or m] outside a limit by rounding
 _BESIDE = np.pi  # [rad] how far beyond start and goals a joint that turns is moved in a search
-import os
-_LIGHT = float(os.environ.get("LI","0.25"))  # joints count by how far they move points, but not less than this fraction of the most
-import os
-_LONGEST = float(os.environ.get("LL","0.6"))  # [rad of the joint that moves points farthest] of an edge in the search
+_LIGHT = 0.25  # joints count by how far they move points, but not less than this fraction of the most
+_LONGEST = 0.7  # [rad of the joint that moves points farthest] of an edge in the search
 _TOLD = 0.05  # seconds between two calls of progress
 
 
@@ -108,6 +108,26 @@ class Plan:
     def length(self) -> float:
         """Length of the path in joint space, the sum of its edges [rad, m]."""
         return float(np.linalg.norm(np.diff(self.q, axis=0), axis=1).sum())
+
+    def trajectory(
+        self, chain: Chain, *, max_velocity: ArrayLike | None = None, max_acceleration: ArrayLike | None = None
+    ) -> Trajectory:
+        """The motion along the path, at rest at each of its points: the edges that were checked, and nothing beside them.
+
+        Parameters
+        ----------
+        chain : Chain
+            Whose limits hold.
+        max_velocity, max_acceleration : float or (n,) array, optional
+            See `pieper.motion.joint_move.joint_move`.
+        """
+        moves = [
+            joint_move(chain, a, b, max_velocity=max_velocity, max_acceleration=max_acceleration)
+            for a, b in zip(self.q[:-1], self.q[1:], strict=True)
+        ]
+        times = np.concatenate([[0.0], np.cumsum([move.duration for move in moves])])
+        rest = np.zeros_like(self.q)
+        return Trajectory(times, self.q, rest, rest, chain.joint_names)
 
     def __str__(self) -> str:
         if self.found:
@@ -214,7 +234,9 @@ def _model(
     if not isinstance(arm, CollisionModel):
         return CollisionModel(arm, world, tool=tool, attached=attached, margin=margin)
     if world is not None or tool != () or attached != () or margin != DEFAULT_MARGIN:
-        raise MotionError("world, tool, attached and margin belong to the collision model that was given; change them there")
+        raise MotionError(
+            "world, tool, attached and margin belong to the collision model that was given; change them there"
+        )
     return arm
 
 
@@ -322,7 +344,9 @@ class _Task:
         else:
             vectors = stack(goal, (chain.dof,), "goal")
             if vectors.ndim > 2 or vectors.size == 0:
-                raise ArrayError(f"goal must have shape ({chain.dof},), (g, {chain.dof}) or (4, 4), got {vectors.shape}")
+                raise ArrayError(
+                    f"goal must have shape ({chain.dof},), (g, {chain.dof}) or (4, 4), got {vectors.shape}"
+                )
             vectors = vectors.reshape(-1, chain.dof)
             outside = [_outside(chain, vector) for vector in vectors]
             if all(outside):
@@ -443,7 +467,9 @@ class _Task:
         left = float(np.abs(q[-1] - self.goals[k]).max())
         where = "the start" if len(q) == 1 else f"a state {left:.3g} rad or m from a goal in the joint farthest off"
         if self._was_cancelled:
-            return self.failed("cancelled", f"cancelled; the nearest approach is {where}{words}", q=q, goal=k, blocking=pair)
+            return self.failed(
+                "cancelled", f"cancelled; the nearest approach is {where}{words}", q=q, goal=k, blocking=pair
+            )
         reason = f"no path in {self._timeout:g} s; the nearest approach is {where}{words}"
         return self.failed("no path in time", reason, q=q, goal=k, blocking=pair)
 

@@ -108,7 +108,9 @@ def _check_solid(name: str, solid: Geometry) -> None:
     elif isinstance(solid, Mesh):
         sizes = {"scale": solid.scale}
         if not Path(solid.path or solid.filename).is_file():
-            raise WorldError(f"mesh {name!r}: no file {solid.path or solid.filename!s}; the folder of the world is looked in")
+            raise WorldError(
+                f"mesh {name!r}: no file {solid.path or solid.filename!s}; the folder of the world is looked in"
+            )
     else:
         raise WorldError(
             f"{name!r} must be a Box, Cylinder, Capsule, Sphere or Mesh of pieper.model.description, got {type(solid).__name__}"
@@ -118,7 +120,11 @@ def _check_solid(name: str, solid: Geometry) -> None:
         numbers = np.asarray(values, dtype=np.float64)
         if not ((numbers > 0.0) & (numbers <= LARGEST)).all():
             got = numbers.tolist() if numbers.size > 1 else float(numbers[0])
-            bound = "positive and finite" if not (numbers > LARGEST).any() or np.isinf(numbers).any() else f"at most {LARGEST:g}"
+            bound = (
+                "positive and finite"
+                if not (numbers > LARGEST).any() or np.isinf(numbers).any()
+                else f"at most {LARGEST:g}"
+            )
             unit = "-" if what == "scale" else "m"
             raise WorldError(f"{kind} {name!r}: {what} must be {bound} [{unit}], got {got}")
 
@@ -225,7 +231,9 @@ def _read_item(section: Section, folder: Path) -> Item:
     kind = kinds[0]
     name = section.text("name")
     try:
-        return Item(name, _read_solid(section, kind, folder), _read_pose(section), tuple(section.texts("may_touch", [])))
+        return Item(
+            name, _read_solid(section, kind, folder), _read_pose(section), tuple(section.texts("may_touch", []))
+        )
     except WorldError as cause:
         if str(cause).startswith(section.file):
             raise
