@@ -150,7 +150,7 @@ class Judge:
 
         self._mujoco = mujoco
         chain = model.chain
-        spec = mujoco.MjSpec()
+        spec = self._spec = mujoco.MjSpec()
         spec.option.timestep = 0.01
         body, bodies = spec.worldbody, [spec.worldbody]
         for i, screw in enumerate(chain.screws):
@@ -180,8 +180,11 @@ class Judge:
     def _add(self, body, name, solid, T, *, moves):
         mujoco = self._mujoco
         kinds = mujoco.mjtGeom
-        if isinstance(solid, Box):
-            kind, size = kinds.mjGEOM_BOX, 0.5 * solid.size
+        mesh = {}
+        if isinstance(solid, Box):  # as a mesh: the collider for capsules and boxes misses one that a capsule pierces
+            corners = 0.5 * solid.size * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+            self._spec.add_mesh(name=name, uservert=corners.astype(np.float32).ravel())
+            kind, size, mesh = kinds.mjGEOM_MESH, [0.0, 0.0, 0.0], {"meshname": name}
         elif isinstance(solid, Capsule):
             kind, size = kinds.mjGEOM_CAPSULE, [solid.radius, 0.5 * solid.length, 0.0]
         elif isinstance(solid, Cylinder):
@@ -195,7 +198,7 @@ class Judge:
         # bit 1: moving solids, which meet bit 2: the world; self pairs are listed one by one
         masks = {None: (2, 1), True: (1, 2), False: (0, 0)}[moves]
         body.add_geom(
-            name=name, type=kind, size=size, pos=T[:3, 3], quat=quaternion, contype=masks[0], conaffinity=masks[1]
+            name=name, type=kind, size=size, **mesh, pos=T[:3, 3], quat=quaternion, contype=masks[0], conaffinity=masks[1]
         )
 
     def touches(self, q):

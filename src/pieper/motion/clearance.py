@@ -96,4 +96,4 @@ def segment_to_segment(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArra
     t = np.clip((uv * s + vw) / np.where(vv > 0.0, vv, 1.0), 0.0, 1.0)
     s = np.clip((uv * t - uw) / np.where(uu > 0.0, uu, 1.0), 0.0, 1.0)
     gap = w + s[:, None] * u - t[:, None] * v
-    return np.sqrt(np.einsum("ki,ki->k", gap, gap))
+    return np.asarray(np.sqrt(np.einsum("ki,ki->k", gap, gap)))

@@ -1,4 +1,4 @@
-"""Does an arm touch itself or what stands around it, how far away is it, and from what?
+"""Whether an arm touches itself or what stands around it, how far away it is, and from what.
 
 Every moving solid is enclosed in a capsule, every obstacle in boxes or capsules. Distances of these, for whole batches of states at once,
 bound the true ones from below; for capsules against boxes, balls and capsules they are the true ones. Where a bound does not decide, Coal
@@ -129,7 +129,7 @@ class CollisionModel:
     WorldError
         A negative margin, or a name that is there twice.
     UnknownNameError
-        A name in `allowed` or `may_touch` that nothing has.
+        A name in `allowed` that nothing has.
     MissingExtraError
         Coal is not installed.
 
@@ -183,7 +183,7 @@ class CollisionModel:
         T_last_tip = np.linalg.inv(flange) @ self.chain.home
         solids = tuple(sorted(solids, key=lambda each: each.link))
         moving = [self._moving(each.link, each.name, each.solid, each.T_link_solid) for each in solids]
-        self._links = len(moving)
+        self._links = len({each.name for each in moving})
         carried = (*self.tool, *self.attached)
         names = [*dict.fromkeys(each.name for each in moving), *(item.name for item in carried), *self.world.names]
         twice = next((name for name in names if names.count(name) > 1), None)
@@ -192,10 +192,10 @@ class CollisionModel:
         moving += [self._moving(last, item.name, item.solid, T_last_tip @ item.pose) for item in carried]
         self._moving_solids = moving
         self.names = tuple(names)
-        for pair in (*self.allowed, *((i.name, other) for i in (*carried, *self.world) for other in i.may_touch)):
-            for name in pair:
-                if name not in names and name not in {frame.name for frame in self.chain.frames}:
-                    raise unknown_name("name", name, names, f"the collision model of {self.chain.name!r}")
+        known = {*names, *(frame.name for frame in self.chain.frames)}
+        for name in (name for pair in self.allowed for name in pair):
+            if name not in known:
+                raise unknown_name("name", name, names, f"the collision model of {self.chain.name!r}")
         self._body = np.array([each.body for each in moving], dtype=np.int64)
         self._ends = np.array([[each.a, each.b] for each in moving]).reshape(-1, 2, 3)
         ones = np.ones((len(moving), 1, 2))
@@ -315,8 +315,9 @@ class CollisionModel:
 
     @cached_property
     def reach_bound(self) -> float:
-        """No point of the moving arm is farther than this from its first axis [m]."""
-        return float(self.lever[0].max()) if len(self.lever) else float(self._reach.max(initial=0.0))
+        """No point of the moving arm is farther than this from an axis that turns it [m]."""
+        finite = self.lever[np.isfinite(self.lever)]
+        return float(finite.max(initial=float(self._reach.max(initial=0.0))))
 
     # --- how far points move
 
@@ -337,7 +338,8 @@ class CollisionModel:
             points[i] = on + w * float(w @ (hint - on)) if turns[i] else hint
         lower, upper = chain.limits.T
         most = np.maximum(np.abs(lower), np.abs(upper))
-        travel = np.where(turns, 0.0, np.where(chain.coupling != 0.0, np.abs(chain.coupling) * most, 0.0).sum(axis=1))
+        used = np.where(chain.coupling != 0.0, most, 0.0)
+        travel = np.where(turns, 0.0, (np.abs(chain.coupling) * used).sum(axis=1))
         lever = np.zeros((m, m + 1))
         homes = self._homes
         for j in range(1, m + 1):
@@ -377,7 +379,7 @@ class CollisionModel:
         if len(k):
             p, o = first[pair], second[pair]
             gaps[k, pair] = segment_to_segment(a[k, p], b[k, p], a[k, o], b[k, o]) - (self._radius[p] + self._radius[o])
-        return gaps
+        return np.asarray(gaps)
 
     def _world_gaps(self, a: FloatArray, b: FloatArray, enough: FloatArray | float) -> FloatArray:
         """Lower bounds (k, p, rows) on the distances from the rows of the world; infinite for pairs that are not looked at."""
@@ -420,14 +422,14 @@ class CollisionModel:
             if near.any():
                 self._settle_world(q, gaps, near)
             starts, bodies = self._runs
-            np.minimum.at(clear, (slice(None), bodies), np.minimum.reduceat(gaps.min(axis=2), starts, axis=1))
+            clear[:, bodies] = np.minimum.reduceat(gaps.min(axis=2), starts, axis=1)
         if len(self._self_first):
             gaps = self._self_gaps(a, b, enough[self._self_high])
             near = gaps < self.margin
             if near.any():
                 self._settle_self(q, gaps, near)
             starts, bodies = self._self_runs
-            np.minimum.at(clear, (slice(None), bodies), np.minimum.reduceat(gaps, starts, axis=1))
+            clear[:, bodies] = np.minimum(clear[:, bodies], np.minimum.reduceat(gaps, starts, axis=1))
         return clear
 
     def _settle_world(self, q: FloatArray, gaps: FloatArray, near: NDArray[np.bool_]) -> None:
@@ -600,7 +602,11 @@ class CollisionModel:
         kept: dict[str, Any] = {
             "world": self.world, "tool": self.tool, "attached": self.attached, "margin": self.margin, "allowed": self.allowed,
         }  # fmt: skip
-        return CollisionModel(self.arm, **{**kept, **changes})
+        kept |= changes
+        items = (*kept["world"], *kept["tool"], *kept["attached"])
+        known = {*(frame.name for frame in self.chain.frames), *self.names[: self._links], *(i.name for i in items)}
+        kept["allowed"] = [pair for pair in self.allowed if known.issuperset(pair)]  # what is gone needs no leave
+        return CollisionModel(self.arm, **kept)
 
     def solids(self, q: ArrayLike) -> list[tuple[str, Geometry, FloatArray]]:
         """Name, solid and pose (4, 4) in the base frame of everything that moves, at joint values (n,); to draw or to check."""

@@ -1,4 +1,4 @@
-"""Is the straight way between two joint vectors free, all along?
+"""Whether the straight way between two joint vectors is free, all along.
 
 A fraction of a joint's range says little: the same angle moves a wrist by a centimetre and a hand at arm's length by a metre. So an edge is
 divided by how far points of the arm move. Between two states whose links are c0 and c1 away from everything, and on the way between which

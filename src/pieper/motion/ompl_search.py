@@ -10,6 +10,7 @@ Kuffner and LaValle 2000, RRT-Connect: an efficient approach to single-query pat
 
 from __future__ import annotations
 
+from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,21 @@ def _ompl() -> tuple[Any, Any, Any]:
         return import_module("ompl.base"), import_module("ompl.geometric"), import_module("ompl.util")
     except ImportError as cause:
         raise MissingExtraError("ompl", "plan", "planning") from cause
+
+
+@cache
+def _whole_edges(ob: Any) -> type:
+    """A motion validator that asks a callable; made once, since a class is not freed by counting references."""
+
+    class WholeEdges(ob.MotionValidator):  # type: ignore[misc, name-defined]
+        def __init__(self, information: Any, is_free: Callable[[Any, Any], bool]) -> None:
+            super().__init__(information)
+            self._is_free = is_free
+
+        def checkMotion(self, first: Any, second: Any, *_: Any) -> bool:
+            return self._is_free(first, second)
+
+    return WholeEdges
 
 
 def search(
@@ -82,16 +98,12 @@ def search(
             return False
         try:
             return question()
-        except BaseException as caught:  # noqa: BLE001  raised again below
-            trouble.append(caught)
+        except BaseException as raised:  # noqa: BLE001  raised again below
+            trouble.append(raised)
             return False
 
     def values(state: Any) -> FloatArray:
         return np.array([state[i] for i in range(n)])
-
-    class Edges(ob.MotionValidator):  # type: ignore[misc, name-defined]
-        def checkMotion(self, first: Any, second: Any, *_: Any) -> bool:
-            return guarded(lambda: edge_is_free(values(first), values(second)))
 
     space = ob.RealVectorStateSpace(n)
     box = ob.RealVectorBounds(n)
@@ -101,7 +113,9 @@ def search(
     space.setBounds(box)
     information = ob.SpaceInformation(space)
     information.setStateValidityChecker(lambda state: guarded(lambda: is_free(values(state))))
-    information.setMotionValidator(Edges(information))
+    information.setMotionValidator(
+        _whole_edges(ob)(information, lambda a, b: guarded(lambda: edge_is_free(values(a), values(b))))
+    )
     information.setup()
 
     def state_of(q: Sequence[float] | FloatArray) -> Any:
@@ -126,5 +140,9 @@ def search(
         found = problem.getSolutionPath()
         path = np.array([values(state) for state in found.getStates()])
     if trouble:
-        raise trouble[0]
+        caught = trouble.pop()
+        try:
+            raise caught
+        finally:
+            del caught  # its frames hold the objects of OMPL, which would live as long as the process
     return path

@@ -6,6 +6,7 @@ checked all along in metric steps (`pieper.motion.edges`), and the path that is 
 
 from __future__ import annotations
 
+import operator
 import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -200,11 +201,11 @@ def plan(
     >>> T[:3, 3] = [0.55, 0.0, 0.4]
     >>> post = World([Item("post", Box([0.2, 0.1, 0.8]), T)])
     >>> arm = pieper.load("ur5e")
-    >>> q_start, q_goal = [2.2, -1.2, 1.2, -1.6, -1.6, 0.0], [4.2, -1.2, 1.2, -1.6, -1.6, 0.0]
+    >>> q_start, q_goal = [1.2, -1.2, 1.2, -1.6, -1.6, 0.0], [-1.2, -1.2, 1.2, -1.6, -1.6, 0.0]
     >>> path = plan(arm, q_start, q_goal, world=post)
     >>> path.status, bool((path.q[-1] == q_goal).all())
     ('found', True)
-    >>> print(plan(arm, [3.2, -1.2, 1.2, -1.6, -1.6, 0.0], q_goal, world=post).status)
+    >>> print(plan(arm, [0.0, -1.2, 1.2, 0.0, 0.0, 0.0], q_goal, world=post).status)
     start in collision
     """
     begun = time.perf_counter()
@@ -241,15 +242,19 @@ def _model(
 
 
 def _checked(seed: int, timeout: float) -> tuple[int, float]:
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < 2**31:
-        raise MotionError(f"seed must be a whole number from 0 to {2**31 - 1}, got {seed!r}")
+    try:
+        whole = operator.index(seed)
+    except TypeError:
+        whole = -1
+    if isinstance(seed, bool) or not 0 <= whole < 2**31 - 1:
+        raise MotionError(f"seed must be a whole number from 0 to {2**31 - 2}, got {seed!r}")
     try:
         seconds = float(timeout)
     except (TypeError, ValueError):
         seconds = float("nan")
     if not seconds >= 0.0:
         raise MotionError(f"timeout must be a number of seconds, at least 0, got {timeout!r}")
-    return int(seed), seconds
+    return whole, seconds
 
 
 def _vector(chain: Chain, q: ArrayLike, name: str) -> FloatArray:

@@ -53,7 +53,7 @@ class Item:
     T : (4, 4) array
         Its pose in the base frame of the arm; of a tool or a grasped object in the frame of the tip [m, -].
     may_touch : tuple of str
-        Names of links or other items whose contact with this one is no collision.
+        Names of links or other items whose contact with this one is no collision; they need not be there.
 
     Raises
     ------
@@ -76,9 +76,9 @@ class Item:
     may_touch: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name.strip():
+        if not str(self.name).strip():
             raise WorldError(f"an item needs a name, a word that is not empty, got {self.name!r}")
-        if isinstance(self.may_touch, str):
+        if isinstance(self.may_touch, str):  # type: ignore[unreachable]  # a word is a sequence of words for Python alone
             raise WorldError(f"may_touch of {self.name!r} must be a list of names, got the word {self.may_touch!r}")
         T = poses(np.eye(4) if self.T is None else self.T, f"T of {self.name!r}")
         if T.ndim != 2:
@@ -277,18 +277,21 @@ def write_world(path: str | Path, world: World) -> None:
 
 
 def _as_fields(item: Item) -> dict[str, Any]:
-    solid: Any = item.solid
-    kind = type(solid).__name__.lower()
-    values: dict[str, Any] = {
-        "box": lambda: solid.size,
-        "sphere": lambda: solid.radius,
-        "cylinder": lambda: {"radius": solid.radius, "length": solid.length},
-        "capsule": lambda: {"radius": solid.radius, "length": solid.length},
-        "mesh": lambda: {"file": solid.filename, "scale": float(solid.scale[0])},
-    }[kind]()
+    solid = item.solid
+    values: Any
+    if isinstance(solid, Box):
+        values = solid.size
+    elif isinstance(solid, Sphere):
+        values = solid.radius
+    elif isinstance(solid, Mesh):
+        if np.ptp(solid.scale) != 0.0:
+            raise WorldError(f"mesh {item.name!r}: a file holds one scale for all axes, got {solid.scale.tolist()}")
+        values = {"file": solid.filename, "scale": float(solid.scale[0])}
+    else:
+        values = {"radius": solid.radius, "length": solid.length}
     fields: dict[str, Any] = {
         "name": item.name,
-        kind: values,
+        type(solid).__name__.lower(): values,
         "position": item.pose[:3, 3],
         "quaternion": rotation.as_quaternion(item.pose[:3, :3]),
     }
