@@ -198,7 +198,14 @@ class Judge:
         # bit 1: moving solids, which meet bit 2: the world; self pairs are listed one by one
         masks = {None: (2, 1), True: (1, 2), False: (0, 0)}[moves]
         body.add_geom(
-            name=name, type=kind, size=size, **mesh, pos=T[:3, 3], quat=quaternion, contype=masks[0], conaffinity=masks[1]
+            name=name,
+            type=kind,
+            size=size,
+            **mesh,
+            pos=T[:3, 3],
+            quat=quaternion,
+            contype=masks[0],
+            conaffinity=masks[1],
         )
 
     def touches(self, q):

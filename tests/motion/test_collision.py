@@ -68,7 +68,9 @@ def test_distance_and_freedom_as_coal_pair_by_pair(name: str) -> None:
         least = min(each.values())
         nearest = model.distance(row)
         assert nearest.distance == pytest.approx(least, abs=AS_COAL)
-        named = min(each.get((nearest.first, nearest.second), np.inf), each.get((nearest.second, nearest.first), np.inf))
+        named = min(
+            each.get((nearest.first, nearest.second), np.inf), each.get((nearest.second, nearest.first), np.inf)
+        )
         assert named == pytest.approx(least, abs=AS_COAL)
         if abs(least - model.margin) > AS_COAL:
             assert is_free == (least >= model.margin)
@@ -172,7 +174,14 @@ def test_moving_arm_and_world_together_changes_nothing(name: str) -> None:
 
 @pytest.mark.parametrize(
     "solid",
-    [Box([0.1, 0.5, 0.2]), Box([1.0, 1.0, 0.1]), Cylinder(0.2, 1.0), Cylinder(0.5, 0.1), Capsule(0.1, 0.4), Sphere(0.3)],
+    [
+        Box([0.1, 0.5, 0.2]),
+        Box([1.0, 1.0, 0.1]),
+        Cylinder(0.2, 1.0),
+        Cylinder(0.5, 0.1),
+        Capsule(0.1, 0.4),
+        Sphere(0.3),
+    ],
 )
 def test_the_capsule_holds_the_solid(solid) -> None:
     a, b, radius, exact = enclosing_capsule(solid)
@@ -257,7 +266,7 @@ def test_what_is_grasped_moves_with_the_hand() -> None:
     assert model.is_free(Q)  # the gripper may touch the can
     held = model.grasp("can", Q)
     assert held.world.names == ("table",)
-    moved = Q + [0.5, 0.0, 0.0, 0.0, 0.3, 0.0]
+    moved = Q + np.array([0.5, 0.0, 0.0, 0.0, 0.3, 0.0])
     where = {name: T for name, _, T in held.solids(moved)}["can"]
     np.testing.assert_allclose(where, arm.fk(moved) @ at(0.0, 0.0, 0.09), atol=1e-12)
     back = held.release("can", moved)
@@ -290,7 +299,7 @@ def test_what_is_malformed_is_refused() -> None:
         CollisionModel(arm, margin=-1.0)
     with pytest.raises(WorldError, match="margin must be"):
         CollisionModel(arm, margin=np.nan)
-    with pytest.raises(UnknownNameError, match="no name 'forarm_link'.*did you mean 'forearm_link'"):
+    with pytest.raises(UnknownNameError, match=r"no name 'forarm_link'.*did you mean 'forearm_link'"):
         CollisionModel(arm, allowed=[("forarm_link", "wrist_1_link")])
     with pytest.raises(WorldError, match="'forearm_link' is the name of two"):
         CollisionModel(arm, World((Item("forearm_link", Sphere(0.1)),)))

@@ -13,8 +13,8 @@ from tests.robots import NAMES, chain
 
 pytest.importorskip("coal")
 
-from pieper.motion.collision import CollisionModel  # noqa: E402  needs coal
-from pieper.motion.edges import EdgeCheck  # noqa: E402
+from pieper.motion.collision import CollisionModel
+from pieper.motion.edges import EdgeCheck
 
 AS_COAL = 2e-5  # [m]
 DENSE = 200  # states of an edge that are looked at one by one
@@ -53,7 +53,7 @@ def test_a_thin_wall_is_not_jumped_over() -> None:
         a = np.array([-1.6, -0.6, 0.8, -0.4, 0.0, 0.0])
         b = np.array([1.6, -0.6, 0.8, -0.4, 0.0, 0.0])
         assert not edges.check(a, b).free
-        assert edges.check(a, a + [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]).free
+        assert edges.check(a, a + np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])).free
 
 
 def test_an_edge_without_length() -> None:
@@ -77,7 +77,9 @@ def test_steps_that_could_miss_something_are_refused() -> None:
     for step in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(MotionError, match=r"step must be a positive distance \[m\]"):
             EdgeCheck(model, step=step)
-    slide = Chain("rail", [[1.0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 1.0]], np.eye(4), [[-np.inf, np.inf], [-1, 1]], ("x", "t"))
+    slide = Chain(
+        "rail", [[1.0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 1.0]], np.eye(4), [[-np.inf, np.inf], [-1, 1]], ("x", "t")
+    )
     turn_first = Chain(
         "boom", [[0, 0, 0, 0, 0, 1.0], [1.0, 0, 0, 0, 0, 0]], np.eye(4), [[-1, 1], [-np.inf, np.inf]], ("t", "x")
     )

@@ -19,9 +19,9 @@ from tests.robots import NAMES, chain
 pytest.importorskip("coal")
 pytest.importorskip("ompl")
 
-from pieper.motion.collision import CollisionModel  # noqa: E402  needs coal
-from pieper.motion.edges import EdgeCheck  # noqa: E402
-from pieper.motion.planning import STATUSES, plan  # noqa: E402
+from pieper.motion.collision import CollisionModel
+from pieper.motion.edges import EdgeCheck
+from pieper.motion.planning import STATUSES, plan
 
 REACHED = 1e-8  # [m, rad] the solver's own tolerance, and rounding
 ENOUGH = 30.0  # [s] a hundred times what any search below takes, so that no test depends on the machine
@@ -180,7 +180,9 @@ def test_out_of_limits_and_out_of_reach() -> None:
 
 def test_no_path_in_time_tells_the_best_approach_and_what_stops_it() -> None:
     """Joint 1 of a boom alone leads from one side of a wall to the other, and there is no way around."""
-    boom = Chain("boom", [[0, 0, 0, 0, 0, 1.0], [0, 0, -0.5, 0, 1.0, 0]], at(1.0, 0, 0), [[-3, 3], [-0.3, 0.3]], ("pan", "tilt"))
+    boom = Chain(
+        "boom", [[0, 0, 0, 0, 0, 1.0], [0, 0, -0.5, 0, 1.0, 0]], at(1.0, 0, 0), [[-3, 3], [-0.3, 0.3]], ("pan", "tilt")
+    )
     wall = World((Item("wall", Box([1.0, 0.02, 3.0]), at(0.7, 0.0, 0.0)),))
     path = plan(boom, [-1.0, 0.0], [1.0, 0.1], world=wall, timeout=0.3)
     assert path.status == "no path in time"

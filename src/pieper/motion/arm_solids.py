@@ -47,37 +47,41 @@ class LinkSolid:
     T_link_solid: FloatArray
 
 
-def solids_of_arm(chain: Chain, description: Description | None = None) -> tuple[LinkSolid, ...]:
-    """The solids of an arm.
+def solids_of_description(chain: Chain, description: Description) -> tuple[LinkSolid, ...] | None:
+    """The collision geometry that a description gives the links of a chain.
+
+    With that of links which hang on them beside the chain, such as fingers, whose joints are held at 0 or the limit nearest to it.
 
     Parameters
     ----------
     chain : Chain
-    description : Description, optional
-        Where it gives any link of the arm a collision geometry, these are used, with those of the links that hang on them beside the
-        chain, such as fingers, whose joints are held at 0 or the limit nearest to it. Where a mesh file is not at hand, a warning says so,
-        and the chain gives the solids.
+    description : Description
+        The chain is cut from it.
 
     Returns
     -------
-    tuple of LinkSolid
-        From the chain: capsules for tapered bars, with the larger of the two radii; cylinders for drums, without their rounded rims; the mark
-        on the flange is left out. So every solid holds the part that is drawn.
+    tuple of LinkSolid, or None
+        None where it gives no link of the chain any, and where a mesh file is not at hand, which a warning says.
     """
-    if description is not None:
-        described = tuple(_described(chain, description))
-        missing = [
-            each.solid.filename for each in described if isinstance(each.solid, Mesh) and each.solid.path is None
-        ]
-        if missing:
-            warnings.warn(
-                f"collision mesh {missing[0]!r} of {chain.name!r} was not found, of {len(missing)} missing; "
-                "capsules and cylinders made from the chain are used instead",
-                PieperWarning,
-                stacklevel=2,
-            )
-        elif described:
-            return described
+    described = tuple(_described(chain, description))
+    missing = [each.solid.filename for each in described if isinstance(each.solid, Mesh) and each.solid.path is None]
+    if missing:
+        warnings.warn(
+            f"collision mesh {missing[0]!r} of {chain.name!r} was not found, of {len(missing)} missing; "
+            "capsules and cylinders made from the chain are used instead",
+            PieperWarning,
+            stacklevel=2,
+        )
+        return None
+    return described or None
+
+
+def solids_of_chain(chain: Chain) -> tuple[LinkSolid, ...]:
+    """Solids made from the chain alone, see `pieper.model.shape`.
+
+    Capsules for tapered bars, with the larger of the two radii; cylinders for drums, without their rounded rims; the mark on the flange is left
+    out. So every solid holds the part that is drawn.
+    """
     return tuple(
         LinkSolid(part.link, chain.frame(part.link).name, _plain(part.solid), part.T_link_part)
         for part in shape.from_chain(chain).parts

@@ -17,7 +17,7 @@ from pieper.errors import ArrayError, WorldError, unknown_name
 from pieper.kinematics.joints import as_joints
 from pieper.model.chain import Chain
 from pieper.model.description import Box, Capsule, Cylinder, Mesh, Sphere
-from pieper.motion.arm_solids import enclosing_capsule, solids_of_arm
+from pieper.motion.arm_solids import enclosing_capsule, solids_of_chain, solids_of_description
 from pieper.motion.clearance import segment_to_box, segment_to_segment
 from pieper.motion.coal_solids import Measure, as_coal, vertices_of
 from pieper.motion.world import Item, World
@@ -37,6 +37,7 @@ DEFAULT_MARGIN = 0.01
 SAMPLES = 1000
 """States by which it is found which links always touch, and which never come near each other."""
 
+_MEASURED = 200  # of the samples, for pairs whose capsules nearly always touch
 _ALWAYS = 0.95  # fraction of the samples in which a pair touches that is built to touch
 _COARSE = 0.25  # the same for links two apart whose solids are made from the chain, see `SelfPairs`
 _NEVER = 0.1  # a pair that stays farther apart than this fraction of the arm's reach in every sample is not looked at
@@ -112,7 +113,7 @@ class CollisionModel:
     Parameters
     ----------
     arm : Arm or Chain
-        Its solids are those of the description, or made from the chain; see `pieper.motion.arm_solids.solids_of_arm`.
+        Its solids are those of the description, or made from the chain; see `pieper.motion.arm_solids`.
     world : World, optional
         In the base frame of the arm. The base itself is not checked against it, since it does not move.
     tool : Item or sequence of Item, optional
@@ -166,7 +167,6 @@ class CollisionModel:
         self.margin = float(margin)
         if not 0.0 <= self.margin < np.inf:
             raise WorldError(f"margin must be a finite distance of at least 0 [m], got {margin!r}")
-        self._from_chain = isinstance(arm, Chain) or arm.description is None
         self._measure = Measure()
         self._place_moving()
         self._place_world()
@@ -176,8 +176,9 @@ class CollisionModel:
 
     def _place_moving(self) -> None:
         description = None if isinstance(self.arm, Chain) else self.arm.description
-        solids = solids_of_arm(self.chain, description)
-        self._from_chain = description is None or not any(link.collisions for link in description.links)
+        described = None if description is None else solids_of_description(self.chain, description)
+        self._from_chain = described is None
+        solids = solids_of_chain(self.chain) if described is None else described
         last = len(self.chain.screws)
         flange = self.chain.frame(last).home
         T_last_tip = np.linalg.inv(flange) @ self.chain.home
@@ -279,13 +280,19 @@ class CollisionModel:
         found: dict[str, list[tuple[str, str]]] = {"checked": [], "always": [], "never": []}
         if every:
             self._self_first, self._self_second = np.array(every, dtype=np.int64).T
-            distances = self._sampled_distances()
+            q = self._samples()
+            blocks = (self._self_gaps(*self._segments(block), np.inf) for block in np.array_split(q, 4))
+            distances = np.concatenate(list(blocks))
             at = 0
             for a, b in sampled:
                 count = len(members[a]) * len(members[b])
-                gaps = distances[:, at : at + count].min(axis=1)
+                here = slice(at, at + count)
                 at += count
-                found[self._verdict(gaps, abs(bodies[a] - bodies[b]), bool({a, b} & carried))].append((a, b))
+                question = (abs(bodies[a] - bodies[b]), bool({a, b} & carried))
+                verdict = self._verdict(distances[:, here].min(axis=1), *question)
+                if verdict == "always":  # of the capsules; of the solids?
+                    verdict = self._verdict(self._measured_gaps(q, distances, here).min(axis=1), *question)
+                found[verdict].append((a, b))
             kept = [(p, o) for a, b in found["checked"] for p in members[a] for o in members[b]]
             kept.sort(key=lambda pair: max(self._body[pair[0]], self._body[pair[1]]))
             self._self_first, self._self_second = np.array(kept, dtype=np.int64).reshape(-1, 2).T
@@ -300,12 +307,23 @@ class CollisionModel:
             tuple(kinds["allowed"]),
         )
 
-    def _sampled_distances(self) -> FloatArray:
-        """Bounds on the distances of all pairs of moving solids, (SAMPLES, pairs) [m]."""
+    def _samples(self) -> FloatArray:
+        """States drawn evenly within the limits, (SAMPLES, n); always the same."""
         lower, upper = finite_limits(self.chain)
-        random = np.random.default_rng(0)
-        q = lower + (upper - lower) * random.random((SAMPLES, self.chain.dof))
-        return np.concatenate([self._self_gaps(*self._segments(block), np.inf) for block in np.array_split(q, 4)])
+        return lower + (upper - lower) * np.random.default_rng(0).random((SAMPLES, self.chain.dof))
+
+    def _measured_gaps(self, q: FloatArray, gaps: FloatArray, pairs: slice) -> FloatArray:
+        """The same for some pairs of solids, in which capsules that only hold a solid have been replaced by what Coal measures."""
+        gaps = gaps[:_MEASURED, pairs].copy()
+        for column, pair in enumerate(range(*pairs.indices(len(self._self_first)))):
+            p, o = int(self._self_first[pair]), int(self._self_second[pair])
+            if self._exact[p] and self._exact[o]:
+                continue
+            placed: dict[tuple[int, int], Any] = {}
+            for k in np.flatnonzero(gaps[:, column] < self.margin):
+                Tp, To = self._placed(q, int(k), p, placed), self._placed(q, int(k), o, placed)
+                gaps[k, column] = self._measure.distance(self._coal[p], Tp, self._coal[o], To)
+        return gaps
 
     def _verdict(self, gaps: FloatArray, apart: int, carried: bool) -> str:
         touching = float((gaps < self.margin).mean())
