@@ -23,8 +23,8 @@ from pieper.motion.planning import plan
 
 TIMEOUT = 10.0  # [s]
 SPACING = 0.002  # [m] between states that the judge looks at
-PATIENCE = 60.0  # [s] for each of the seeds by which it is found out whether there is a path
-SEEDS = 5
+PATIENCE = 20.0  # [s] for each of the seeds by which it is found out whether there is a path
+SEEDS = 3
 
 
 def ask(query, judged: bool = True) -> dict:

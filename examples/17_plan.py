@@ -21,7 +21,7 @@ def at(x: float, y: float, z: float) -> np.ndarray:
 ur5e = pieper.load("ur5e")
 world = World(
     (
-        Item("post", Box([0.12, 0.12, 0.9]), at(0.5, 0.0, 0.45)),
+        Item("post", Box(np.array([0.12, 0.12, 0.9])), at(0.5, 0.0, 0.45)),
         Item("can", Cylinder(0.05, 0.2), at(0.4, -0.35, 0.1)),
     )
 )

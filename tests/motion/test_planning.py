@@ -169,8 +169,8 @@ def test_goal_in_collision_names_the_pair() -> None:
 
 
 def test_out_of_limits_and_out_of_reach() -> None:
-    assert plan(UR5E, START + [7.0, 0, 0, 0, 0, 0], START).status == "start out of limits"
-    beyond = plan(UR5E, START, START + [0, 0, 4.0, 0, 0, 0])
+    assert plan(UR5E, START + np.array([7.0, 0, 0, 0, 0, 0]), START).status == "start out of limits"
+    beyond = plan(UR5E, START, START + np.array([0, 0, 4.0, 0, 0, 0]))
     assert beyond.status == "goal out of limits"
     assert "'elbow_joint' at 5.2 is outside its limits" in beyond.reason
     far = plan(UR5E, START, at(3.0, 0.0, 0.0))

@@ -81,7 +81,7 @@ def test_a_malformed_world_says_where_and_why(tmp_path: Path, line: str, message
 def test_a_file_that_is_no_world(tmp_path: Path) -> None:
     with pytest.raises(WorldError, match="the file is empty"):
         read(tmp_path, "")
-    with pytest.raises(WorldError, match="no field 'things'.*obstacles"):
+    with pytest.raises(WorldError, match=r"no field 'things'.*obstacles"):
         read(tmp_path, "things: []")
     with pytest.raises(WorldError, match="obstacles: is missing"):
         read(tmp_path, "{}")
@@ -99,7 +99,7 @@ def test_sizes_are_checked_in_python_too(solid) -> None:
 def test_items_are_checked() -> None:
     with pytest.raises(WorldError, match=r"must be a Box.*got str"):
         Item("x", "box")  # type: ignore[arg-type]
-    with pytest.raises(ArrayError, match="T of 'x' must be a rotation|rotation block"):
+    with pytest.raises(ArrayError, match="rotation block of T of 'x'"):
         Item("x", Sphere(1.0), np.diag([2.0, 1.0, 1.0, 1.0]))
     with pytest.raises(WorldError, match="may_touch of 'x' must be a list of names"):
         Item("x", Sphere(1.0), may_touch="table")  # type: ignore[arg-type]

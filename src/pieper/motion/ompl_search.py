@@ -35,7 +35,7 @@ def _ompl() -> tuple[Any, Any, Any]:
 def _whole_edges(ob: Any) -> type:
     """A motion validator that asks a callable; made once, since a class is not freed by counting references."""
 
-    class WholeEdges(ob.MotionValidator):  # type: ignore[misc, name-defined]
+    class WholeEdges(ob.MotionValidator):  # type: ignore[misc]
         def __init__(self, information: Any, is_free: Callable[[Any, Any], bool]) -> None:
             super().__init__(information)
             self._is_free = is_free
