@@ -203,6 +203,12 @@ class CollisionModel:
         self._ends_of_columns = np.concatenate([self._ends.transpose(0, 2, 1), ones], axis=1)  # (p, 4, 2)
         self._radius = np.array([each.radius for each in moving])
         self._exact = np.array([each.exact for each in moving], dtype=bool)
+        self._is_box = np.array([isinstance(each.solid, Box) for each in moving], dtype=bool)
+        self._some_boxes = bool(self._is_box.any())
+        self._box_T = np.array([each.T for each in moving]).reshape(-1, 4, 4)
+        self._box_half = np.array(
+            [0.5 * each.solid.size if isinstance(each.solid, Box) else np.zeros(3) for each in moving]
+        ).reshape(-1, 3)
         self._reach = 0.5 * np.linalg.norm(self._ends[:, 1] - self._ends[:, 0], axis=1) + self._radius
         self._bodies = list(range(last + 1))
         self._homes = np.array([self.chain.frame(k).home for k in self._bodies]).reshape(-1, 4, 4)
@@ -294,11 +300,15 @@ class CollisionModel:
                     verdict = self._verdict(self._measured_gaps(q, distances, here).min(axis=1), *question)
                 found[verdict].append((a, b))
             kept = [(p, o) for a, b in found["checked"] for p in members[a] for o in members[b]]
-            kept.sort(key=lambda pair: max(self._body[pair[0]], self._body[pair[1]]))
+            kept.sort(key=lambda pair: sorted((int(self._body[pair[0]]), int(self._body[pair[1]]))))
             self._self_first, self._self_second = np.array(kept, dtype=np.int64).reshape(-1, 2).T
-        self._self_high = np.maximum(self._body[self._self_first], self._body[self._self_second])
-        starts = np.flatnonzero(np.diff(self._self_high, prepend=-1))
-        self._self_runs = starts, self._self_high[starts]
+        ends = np.sort(
+            self._body[np.stack([self._self_first, self._self_second])], axis=0
+        )  # links of either, low and high
+        starts = np.flatnonzero(np.diff(ends, axis=1, prepend=-1).any(axis=0))
+        self._groups = ends[:, starts].T
+        self._self_starts = starts
+        self._self_column = len(self._bodies) + np.repeat(np.arange(len(starts)), np.diff(starts, append=ends.shape[1]))
         return SelfPairs(
             tuple(found["checked"]),
             tuple(kinds["adjacent"]),
@@ -378,15 +388,30 @@ class CollisionModel:
         """How far any point of each link moves at most while the joints move straight by `dq`: (..., n) -> (..., m + 1) [m]."""
         return np.abs(np.asarray(dq) @ self.chain.coupling.T) @ self.lever
 
+    @cached_property
+    def _column_lever(self) -> FloatArray:
+        """(m, columns) as `lever`, for links against the world and then for pairs of links against each other."""
+        axes = np.arange(len(self.chain.screws))[:, None]
+        low, high = self._groups.T
+        return np.hstack([self.lever, np.where(axes >= low, self.lever[:, high], 0.0)])
+
+    def approach(self, dq: ArrayLike) -> FloatArray:
+        """How much nearer the pairs behind each column of `bounds` can come while the joints move straight by `dq`, (..., columns) [m].
+
+        A link and the world: as far as a point of the link moves. Two links: as far as a point of one moves as seen from the other, for
+        which the joints below both do not count.
+        """
+        return np.abs(np.asarray(dq) @ self.chain.coupling.T) @ self._column_lever
+
     # --- bounds for many states
 
-    def _segments(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Ends of all capsules in the base frame, (k, p, 3) each."""
+    def _segments(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Ends (k, p, 3) of all capsules in the base frame, and the poses (k, p, 3, 4) of their links."""
         Ts = self.chain.native.link_poses(np.ascontiguousarray(q), self._bodies, self._homes)[:, self._body, :3]
         ends = Ts @ self._ends_of_columns  # (k, p, 3, 2)
-        return ends[..., 0], ends[..., 1]
+        return ends[..., 0], ends[..., 1], Ts
 
-    def _self_gaps(self, a: FloatArray, b: FloatArray, enough: FloatArray | float) -> FloatArray:
+    def _self_gaps(self, a: FloatArray, b: FloatArray, Ts: FloatArray, enough: FloatArray | float) -> FloatArray:
         """Lower bounds (k, pairs) on the distances of pairs of the arm; sharp below `enough`, (k, pairs) or one number [m]."""
         first, second = self._self_first, self._self_second
         middle = 0.5 * (a + b)
@@ -397,7 +422,26 @@ class CollisionModel:
         if len(k):
             p, o = first[pair], second[pair]
             gaps[k, pair] = segment_to_segment(a[k, p], b[k, p], a[k, o], b[k, o]) - (self._radius[p] + self._radius[o])
+            if self._some_boxes:
+                self._sharpen_by_boxes(a, b, Ts, gaps, enough)
         return np.asarray(gaps)
+
+    def _sharpen_by_boxes(
+        self, a: FloatArray, b: FloatArray, Ts: FloatArray, gaps: FloatArray, enough: FloatArray | float
+    ) -> None:
+        """Where one of a pair is a box, measure from the box instead of from the capsule that holds it."""
+        box = np.where(self._is_box[self._self_second], self._self_second, self._self_first)
+        other = self._self_first + self._self_second - box
+        k, pair = np.nonzero((gaps < enough) & self._is_box[box])
+        if not len(k):
+            return
+        p, o = box[pair], other[pair]
+        T = Ts[k, p]
+        R = T[:, :, :3] @ self._box_T[p, :3, :3]
+        center = (T[:, :, :3] @ self._box_T[p, :3, 3:])[..., 0] + T[:, :, 3]
+        start = ((a[k, o] - center)[:, None] @ R)[:, 0]
+        end = ((b[k, o] - center)[:, None] @ R)[:, 0]
+        gaps[k, pair] = np.maximum(gaps[k, pair], segment_to_box(start, end, self._box_half[p]) - self._radius[o])
 
     def _world_gaps(self, a: FloatArray, b: FloatArray, enough: FloatArray | float) -> FloatArray:
         """Lower bounds (k, p, rows) on the distances from the rows of the world; infinite for pairs that are not looked at."""
@@ -422,32 +466,38 @@ class CollisionModel:
             gaps[k, p, row] = segment_to_box(start, end, self._row_half[row]) - self._row_thick[p, row]
         return gaps
 
-    def bounds(self, q: FloatArray, enough: FloatArray) -> FloatArray:
-        """Lower bounds on the clearance of each link in states (k, n): (k, m + 1) [m].
+    def bounds(self, q: FloatArray, enough: FloatArray | float) -> FloatArray:
+        """Lower bounds on clearances in states (k, n): (k, columns) [m].
 
-        A bound that is below the margin is the distance itself, or below 0. Distances of `enough` (m + 1,) and more need not be told.
+        Parameters
+        ----------
+        q : (k, n) array
+        enough : float or (columns,) array
+            Distances of so much and more need not be told sharply [m].
 
-        Notes
-        -----
-        The clearance of a link is from the world and from the links before it.
+        Returns
+        -------
+        (k, columns) array
+            Of every link from the world, (m + 1) columns, and then of every two links that are looked at from each other. What is below the margin
+            is the distance itself, or below 0.
         """
-        a, b = self._segments(q)
-        clear = np.full((len(q), len(self._bodies)), np.inf)
-        wanted = enough[self._body]
+        a, b, Ts = self._segments(q)
+        links = len(self._bodies)
+        wanted = np.broadcast_to(enough, links + len(self._groups))
+        clear = np.full((len(q), len(wanted)), np.inf)
         if len(self._row_item):
-            gaps = self._world_gaps(a, b, wanted)
+            gaps = self._world_gaps(a, b, wanted[self._body])
             near = gaps < self.margin
             if near.any():
                 self._settle_world(q, gaps, near)
             starts, bodies = self._runs
             clear[:, bodies] = np.minimum.reduceat(gaps.min(axis=2), starts, axis=1)
-        if len(self._self_first):
-            gaps = self._self_gaps(a, b, enough[self._self_high])
+        if len(self._groups):
+            gaps = self._self_gaps(a, b, Ts, wanted[self._self_column])
             near = gaps < self.margin
             if near.any():
                 self._settle_self(q, gaps, near)
-            starts, bodies = self._self_runs
-            clear[:, bodies] = np.minimum(clear[:, bodies], np.minimum.reduceat(gaps, starts, axis=1))
+            clear[:, links:] = np.minimum.reduceat(gaps, self._self_starts, axis=1)
         return clear
 
     def _settle_world(self, q: FloatArray, gaps: FloatArray, near: NDArray[np.bool_]) -> None:
@@ -469,7 +519,10 @@ class CollisionModel:
             gaps[k, p, row] = found[key]
 
     def _settle_self(self, q: FloatArray, gaps: FloatArray, near: NDArray[np.bool_]) -> None:
-        exact = self._exact[self._self_first] & self._exact[self._self_second]
+        first, second = self._self_first, self._self_second
+        exact = (self._exact[first] & (self._exact[second] | self._is_box[second])) | (
+            self._is_box[first] & self._exact[second]
+        )
         decided = (near & exact).any(axis=1)
         placed: dict[tuple[int, int], Any] = {}
         for k, pair in np.argwhere(near & ~exact & ~decided[:, None]):
@@ -501,11 +554,10 @@ class CollisionModel:
         """
         values = as_joints(self.chain, q)
         flat = values.reshape(-1, self.chain.dof)
-        enough = np.full(len(self._bodies), self.margin)
         free = np.empty(len(flat), dtype=bool)
         for start in range(0, len(flat), _BLOCK):
             block = flat[start : start + _BLOCK]
-            free[start : start + _BLOCK] = (self.bounds(block, enough) >= self.margin).all(axis=1)
+            free[start : start + _BLOCK] = (self.bounds(block, self.margin) >= self.margin).all(axis=1)
         return bool(free[0]) if values.ndim == 1 else free.reshape(values.shape[:-1])
 
     def distance(self, q: ArrayLike) -> Nearest:
@@ -552,14 +604,14 @@ class CollisionModel:
 
     def _candidates(self, q: FloatArray) -> list[tuple[float, int, tuple[str, int]]]:
         """Every pair with a lower bound on its distance [m], the least first."""
-        a, b = self._segments(q[None])
+        a, b, Ts = self._segments(q[None])
         found: list[tuple[float, int, tuple[str, int]]] = []
         if len(self._row_item):
             gaps = self._world_gaps(a, b, np.inf)[0]
             for p, k in np.argwhere(self._wanted):
                 found.append((float(gaps[p, self._row_item == k].max()), int(p), ("world", int(k))))
         if len(self._self_first):
-            gaps = self._self_gaps(a, b, np.inf)[0]
+            gaps = self._self_gaps(a, b, Ts, np.inf)[0]
             found += [
                 (float(gap), int(p), ("self", int(o)))
                 for gap, p, o in zip(gaps, self._self_first, self._self_second, strict=True)

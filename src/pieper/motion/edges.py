@@ -1,9 +1,9 @@
 """Whether the straight way between two joint vectors is free, all along.
 
 A fraction of a joint's range says little: the same angle moves a wrist by a centimetre and a hand at arm's length by a metre. So an edge is
-divided by how far points of the arm move. Between two states whose links are c0 and c1 away from everything, and on the way between which
-no point of a link moves by more than d, that link stays at least ``(c0 + c1 - d) / 2`` away. An interval is left alone once this is enough for
-every link, and halved otherwise; so the far part of an edge costs a few states, and the near part is looked at in steps.
+divided by how far points of the arm move. Between two states in which a link is c0 and c1 away from the world, and between which no point of
+it moves by more than d, it stays at least ``(c0 + c1 - d) / 2`` away; and so do two links from each other, d being how far one moves as seen
+from the other. An interval is left alone once this is enough for every link and every two, and halved otherwise; so the far part of an edge costs a few states, and the near part is looked at in steps.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class EdgeCheck:
             Asked between batches; when it says True the edge counts as blocked.
         """
         q0, dq = np.asarray(start, dtype=np.float64), np.asarray(goal, dtype=np.float64) - np.asarray(start)
-        moved = self.model.displacement(dq)  # (links,) [m] along the whole edge
+        moved = self.model.approach(dq)  # (columns,) [m] along the whole edge
         self.edges += 1
         far = float(moved.max(initial=0.0))
         parts = 1 << max(0, int(np.ceil(np.log2(max(far, 1e-12) / (_FIRST * max(self.model.reach_bound, 1e-9))))))
@@ -142,7 +142,7 @@ class EdgeCheck:
         return all(self.free(a, b) for a, b in itertools.pairwise(q))
 
     def _look(self, q0: FloatArray, dq: FloatArray, s: FloatArray, moved: FloatArray) -> FloatArray:
-        """Clearances of the links at shares of the edge, sharp as far as they matter where links move by `moved` between two of them."""
+        """Clearances at shares of the edge, sharp as far as they matter where things approach by `moved` between two of them."""
         self.states += len(s)
         enough = np.maximum(0.5 * moved + self.kept, self.model.margin)
         return self.model.bounds(q0 + s[:, None] * dq, enough)
