@@ -204,8 +204,12 @@ class CollisionModel:
         self._radius = np.array([each.radius for each in moving])
         self._exact = np.array([each.exact for each in moving], dtype=bool)
         self._is_box = np.array([isinstance(each.solid, Box) for each in moving], dtype=bool)
+        self._is_cylinder = np.array([isinstance(each.solid, Cylinder) for each in moving], dtype=bool)
+        self._cylinder_half = np.array(
+            [0.5 * each.solid.length if isinstance(each.solid, Cylinder) else 0.0 for each in moving]
+        )
         self._some_boxes = bool(self._is_box.any())
-        self._box_T = np.array([each.T for each in moving]).reshape(-1, 4, 4)
+        self._solid_T = np.array([each.T for each in moving]).reshape(-1, 4, 4)
         self._box_half = np.array(
             [0.5 * each.solid.size if isinstance(each.solid, Box) else np.zeros(3) for each in moving]
         ).reshape(-1, 3)
@@ -424,7 +428,30 @@ class CollisionModel:
             gaps[k, pair] = segment_to_segment(a[k, p], b[k, p], a[k, o], b[k, o]) - (self._radius[p] + self._radius[o])
             if self._some_boxes:
                 self._sharpen_by_boxes(a, b, Ts, gaps, enough)
+            for cylinder, other in ((first, second), (second, first)):
+                self._sharpen_by_ends(a, b, Ts, gaps, enough, cylinder, other)
         return np.asarray(gaps)
+
+    def _sharpen_by_ends(
+        self,
+        a: FloatArray,
+        b: FloatArray,
+        Ts: FloatArray,
+        gaps: FloatArray,
+        enough: FloatArray | float,
+        cylinder: NDArray[np.int64],
+        other: NDArray[np.int64],
+    ) -> None:
+        """Where one of a pair is a cylinder, what lies beyond its flat ends is as far away as it is beyond them."""
+        k, pair = np.nonzero((gaps < enough) & self._is_cylinder[cylinder])
+        if not len(k):
+            return
+        p, o = cylinder[pair], other[pair]
+        axis = (Ts[k, p, :, :3] @ self._solid_T[p, :3, 2:3])[..., 0]
+        center = 0.5 * (a[k, p] + b[k, p])
+        along = np.stack([((x[k, o] - center) * axis).sum(axis=1) for x in (a, b)])
+        beyond = np.where(along[0] * along[1] > 0.0, np.abs(along).min(axis=0), 0.0)
+        gaps[k, pair] = np.maximum(gaps[k, pair], beyond - self._cylinder_half[p] - self._radius[o])
 
     def _sharpen_by_boxes(
         self, a: FloatArray, b: FloatArray, Ts: FloatArray, gaps: FloatArray, enough: FloatArray | float
@@ -437,8 +464,8 @@ class CollisionModel:
             return
         p, o = box[pair], other[pair]
         T = Ts[k, p]
-        R = T[:, :, :3] @ self._box_T[p, :3, :3]
-        center = (T[:, :, :3] @ self._box_T[p, :3, 3:])[..., 0] + T[:, :, 3]
+        R = T[:, :, :3] @ self._solid_T[p, :3, :3]
+        center = (T[:, :, :3] @ self._solid_T[p, :3, 3:])[..., 0] + T[:, :, 3]
         start = ((a[k, o] - center)[:, None] @ R)[:, 0]
         end = ((b[k, o] - center)[:, None] @ R)[:, 0]
         gaps[k, pair] = np.maximum(gaps[k, pair], segment_to_box(start, end, self._box_half[p]) - self._radius[o])

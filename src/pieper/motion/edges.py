@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pieper.model.chain import FloatArray
     from pieper.motion.collision import CollisionModel
 
-_FIRST = 0.25  # how far points may move between the first states that are looked at, as a fraction of the reach
+_FIRST = 0.1  # how far points may move between the first states that are looked at, as a fraction of the reach
 _SCREENED = 8
 _MOST = 4096  # states of one edge; more are a mistake of units
 
