@@ -1,6 +1,6 @@
 """How often, and how quickly, is a path found among shelves, and does it touch anything?
 
-python benchmarks/planning.py              measure (a minute or two), write results/planning.json
+python benchmarks/planning.py              measure (a minute or two), write results/planning.json and the figures of docs/guides/planning.md
 python benchmarks/planning.py --shelves 5  fewer random shelves, and nothing is written
 python benchmarks/planning.py --picture    draw docs/images/plan_shelf.png
 
@@ -18,6 +18,7 @@ import numpy as np
 import paired  # noqa: F401  before NumPy: one thread
 import results
 from shelves import MARGIN, Judge, dense, kr210_queries, ur5e_queries
+from table import origin, table
 
 from pieper.motion.planning import plan
 
@@ -78,6 +79,26 @@ def tell(name: str, figures: dict) -> None:
     )
 
 
+def write_page(data: dict) -> None:
+    """Put the figures into the guide."""
+    page = results.HERE.parent / "docs" / "guides" / "planning.md"
+    head = ["questions", "found", "median [s]", "99 % [s]", "worst [s]", "states judged", "of them touching"]
+    rows = [
+        [
+            name,
+            f"{each['found']} of {each['with_a_path']}",
+            *(f"{each[key]:.3f}" for key in ("median_seconds", "p99_seconds", "worst_seconds")),
+            f"{each['states_judged']:,}".replace(",", " "),
+            str(each["states_touching"]),
+        ]
+        for name, each in data["figures"].items()
+    ]
+    begin, end = "<!-- figures: written by benchmarks/planning.py -->\n", "<!-- end of figures -->"
+    before, _, rest = page.read_text().partition(begin)
+    after = rest.partition(end)[2]
+    page.write_text("\n".join([before + begin.rstrip(), "", *table(head, rows), "", origin(data), "", end + after]))
+
+
 def picture(query, path, file: str, view: tuple[float, float]) -> None:
     """A plan among its shelves."""
     import pieper
@@ -85,9 +106,13 @@ def picture(query, path, file: str, view: tuple[float, float]) -> None:
     from pieper.motion.world import World
     from pieper.sim.picture import Picture
 
-    shown = Picture(size=(960, 720), view=view, grid=False)
+    shown = Picture(size=(960, 720), view=view, grid=False, smooth=False)
     near = World(tuple(item for item in query.model.world if item.name != "floor" and not item.name.startswith("bin")))
     draw_plan(shown, pieper.load(query.arm), near, path)
+    tool = {item.name for item in query.model.tool}
+    for k, q in enumerate(path.q):
+        solids = [(solid, T) for name, solid, T in query.model.solids(q) if name in tool]
+        shown.add_solids(solids, color="#41464d", opacity=1.0 if k == len(path.q) - 1 else 0.25)
     shown.save(results.HERE.parent / "docs" / "images" / file)
 
 
@@ -97,7 +122,7 @@ def main() -> None:
     parser.add_argument("--picture", action="store_true")
     arguments = parser.parse_args()
     if arguments.picture:
-        query = kr210_queries()[9]
+        query = kr210_queries()[1]
         picture(
             query,
             plan(query.model, query.q_start, query.goal),
@@ -123,6 +148,7 @@ def main() -> None:
             figures=figures,
             rows=results.rounded([row for each in rows.values() for row in each]),
         )
+        write_page(results.load("planning"))
 
 
 if __name__ == "__main__":
