@@ -88,6 +88,36 @@ def test_a_pose_is_reached_by_a_free_answer() -> None:
     assert CollisionModel(UR5E, NARROW).is_free(path.goals).all()
 
 
+def test_the_goal_is_approached_along_its_own_axis() -> None:
+    T = at(0.4, -0.35, 0.3, (np.pi, 0.0, 0.0))
+    path = plan(UR5E, START, T, world=NARROW, timeout=ENOUGH, approach=[0.0, 0.0, -0.1])
+    assert path.found
+    np.testing.assert_allclose(UR5E.fk(path.q[-1]), T, atol=REACHED)
+    np.testing.assert_allclose(UR5E.fk(path.q[-2]), at(0.4, -0.35, 0.4, (np.pi, 0.0, 0.0)), atol=REACHED)
+    s = np.linspace(0.0, 1.0, 50)[:, None]
+    tips = UR5E.fk(path.q[-2] + s * (path.q[-1] - path.q[-2]))[:, :3, 3]
+    assert np.linalg.norm(tips[:, :2] - T[:2, 3], axis=1).max() < 0.03  # nearly straight
+    assert EdgeCheck(CollisionModel(UR5E, NARROW)).path_is_free(path.q)
+    assert (path.q[-1] == path.goals[path.goal]).all()
+
+
+def test_an_approach_that_is_blocked_or_out_of_reach_is_told() -> None:
+    T = at(0.4, -0.35, 0.3, (np.pi, 0.0, 0.0))
+    lid = World((Item("lid", Box([0.4, 0.4, 0.01]), at(0.4, -0.35, 0.0)), *NARROW))
+    blocked = plan(UR5E, START, T, world=lid, approach=[0.0, 0.0, 0.3])
+    assert blocked.status == "goal in collision"
+    assert blocked.reason.startswith("the approach from 0.3 m before the goal is not free; on it ")
+    assert blocked.blocking is not None
+    far = plan(UR5E, START, T, world=NARROW, approach=[0.0, 0.0, -2.0])
+    assert far.status == "goal out of reach"
+    assert far.reason == "the approach from 2 m before the goal is out of reach"
+    with pytest.raises(ArrayError, match="approach goes with a goal that is a pose"):
+        plan(UR5E, START, GOAL, approach=[0.0, 0.0, -0.1])
+    for wrong in ([0.0, 0.0, 0.0], [[0.0, 0.0, 1.0]]):
+        with pytest.raises(ArrayError, match=r"approach must be one offset \(3,\)"):
+            plan(UR5E, START, T, approach=wrong)
+
+
 def test_a_target_without_orientation_is_reached() -> None:
     path = plan(UR5E, START, target.ignore_orientation([0.3, 0.4, 0.4]), world=post(), timeout=ENOUGH)
     assert path.found

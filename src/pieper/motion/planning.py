@@ -145,6 +145,7 @@ def plan(
     tool: Item | Iterable[Item] = (),
     attached: Iterable[Item] = (),
     margin: float = DEFAULT_MARGIN,
+    approach: ArrayLike | None = None,
     step: float | None = None,
     seed: int = 0,
     timeout: float = DEFAULT_TIMEOUT,
@@ -165,6 +166,10 @@ def plan(
         turns included. (4, 4) is a pose also for an arm of four joints if its last row is 0 0 0 1.
     world, tool, attached, margin
         See `pieper.motion.collision.CollisionModel`.
+    approach : (3,) array, optional
+        Where the tip comes from in the end, in its own frame at the goal [m], such as ``[0, 0, -0.1]``: 0.1 m before it along z. Only for
+        goals that are poses. The last edge of the path then leads from there to the goal; it is straight in joint space, and nearly so
+        for the tip. Solutions for which it is not free are no goals.
     step : float, optional
         See `pieper.motion.edges.EdgeCheck`.
     seed : int
@@ -219,7 +224,7 @@ def plan(
     if not model.is_free(start):
         pair = model.distance(start)
         return task.failed("start in collision", f"at the start {task.too_near(pair)}", blocking=pair)
-    failure = task.choose_goals(goal)
+    failure = task.choose_goals(goal, None if approach is None else _offset(approach))
     if failure is not None:
         return failure
     return task.straight() or task.search(seed, simplify)
@@ -255,6 +260,13 @@ def _checked(seed: int, timeout: float) -> tuple[int, float]:
     if not seconds >= 0.0:
         raise MotionError(f"timeout must be a number of seconds, at least 0, got {timeout!r}")
     return whole, seconds
+
+
+def _offset(approach: ArrayLike) -> FloatArray:
+    offset = stack(approach, (3,), "approach")
+    if offset.ndim != 1 or not offset.any():
+        raise ArrayError(f"approach must be one offset (3,) in the frame of the tip, not zero [m], got {approach!r}")
+    return offset
 
 
 def _vector(chain: Chain, q: ArrayLike, name: str) -> FloatArray:
@@ -293,6 +305,7 @@ class _Task:
         self._told = begun
         self._was_cancelled = False
         self.goals: FloatArray = np.empty((0, len(start)))
+        self._ends: FloatArray | None = None
         self._from: dict[bytes, bytes | None] = {start.tobytes(): None}  # states that free edges join to the start
 
     # --- results
@@ -303,7 +316,9 @@ class _Task:
         return self._plan(status, reason, self.start[None] if q is None else q, goal, blocking)
 
     def _plan(self, status: str, reason: str, q: FloatArray, goal: int, blocking: Nearest | None) -> Plan:
-        q, goals = np.array(q), np.array(self.goals)
+        q, goals = np.array(q), np.array(self.goals if self._ends is None else self._ends)
+        if status == "found" and self._ends is not None:
+            q = np.vstack([q, self._ends[goal]])
         for values in (q, goals):
             values.setflags(write=False)
         return Plan(
@@ -328,10 +343,15 @@ class _Task:
 
     # --- goals
 
-    def choose_goals(self, goal: ArrayLike | Target) -> Plan | None:
+    def choose_goals(self, goal: ArrayLike | Target, approach: FloatArray | None) -> Plan | None:
         """Take the goals that can be aimed at, or say why there are none."""
         chain = self.model.chain
-        if isinstance(goal, Target) or _is_pose(goal, chain.dof):
+        is_pose = not isinstance(goal, Target) and _is_pose(goal, chain.dof)
+        if approach is not None and not is_pose:
+            raise ArrayError(
+                "approach goes with a goal that is a pose (4, 4); joint values say nothing of the way there"
+            )
+        if is_pose or isinstance(goal, Target):
             aim = goal if isinstance(goal, Target) else poses(goal, "goal")
             answers = solve(chain, aim, seed=self.start)
             if answers.status.ndim:
@@ -363,6 +383,31 @@ class _Task:
             nearest = max((self.model.distance(vector) for vector in vectors), key=lambda pair: pair.distance)
             return self.failed("goal in collision", f"{words} {self.too_near(nearest)}", blocking=nearest)
         self.goals = vectors[free][:MOST_GOALS]
+        if approach is None or isinstance(goal, Target):
+            return None
+        return self._approach_first(poses(goal, "goal"), approach)
+
+    def _approach_first(self, T: FloatArray, approach: FloatArray) -> Plan | None:
+        """Aim at where the approach begins; keep the goals, to be added in the end."""
+        before = T.copy()
+        before[:3, 3] = T[:3, 3] + T[:3, :3] @ approach
+        starts, ends, pair = [], [], None
+        for end in self.goals:
+            answers = solve(self.model.chain, before, seed=end)
+            start = next(iter(answers.copies(seed=end)), None)
+            if start is None:
+                continue
+            way = self.edges.check(end, start)
+            if way.free:
+                starts.append(start)
+                ends.append(end)
+            else:
+                pair = self.model.distance(end + way.blocked_at * (start - end))
+        if not starts:
+            where = "out of reach" if pair is None else f"not free; on it {self.too_near(pair)}"
+            words = f"the approach from {np.linalg.norm(approach):.3g} m before the goal is {where}"
+            return self.failed("goal out of reach" if pair is None else "goal in collision", words, blocking=pair)
+        self.goals, self._ends = np.array(starts), np.array(ends)
         return None
 
     # --- the two ways to find a path
