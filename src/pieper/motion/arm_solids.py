@@ -145,7 +145,7 @@ def enclosing_capsule(
     Examples
     --------
     >>> a, b, radius, exact = enclosing_capsule(Cylinder(0.1, 1.0))
-    >>> b[2].round(3), round(radius, 3), exact
+    >>> round(float(b[2]), 3), round(radius, 3), exact
     (0.454, 0.11, False)
     """
     z = np.array([0.0, 0.0, 1.0])

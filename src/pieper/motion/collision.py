@@ -143,8 +143,8 @@ class CollisionModel:
     >>> model = CollisionModel(pieper.load("ur5e"), World([Item("box", Box([0.2, 0.2, 0.8]), T)]))
     >>> model.is_free([0.0, -1.2, 1.2, 0.0, 0.0, 0.0]), model.is_free([3.0, -1.2, 1.2, 0.0, 0.0, 0.0])
     (False, True)
-    >>> nearest = model.distance([1.2, -1.2, 1.2, 0.0, 0.0, 0.0])
-    >>> nearest.second, nearest.distance > 0.01
+    >>> nearest = model.distance([0.0, -1.2, 1.2, 0.0, 0.0, 0.0])
+    >>> nearest.second, nearest.distance < 0.0
     ('box', True)
     """
 
