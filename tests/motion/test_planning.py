@@ -62,6 +62,17 @@ def test_around_an_obstacle_as_mujoco_sees_it() -> None:
     assert not path.q.flags.writeable
 
 
+def test_the_judge_sees_what_the_straight_way_would_touch() -> None:
+    pytest.importorskip("mujoco")
+    from benchmarks.shelves import Judge, dense
+
+    model = CollisionModel(UR5E, NARROW)
+    judge, rows = Judge(model), dense(np.stack([START, GOAL]), model, 0.01)
+    touching = np.array([bool(judge.touches(row)) for row in rows])
+    np.testing.assert_array_equal(touching, ~model.with_margin(0.0).is_free(rows))
+    assert 0 < touching.sum() < len(rows)
+
+
 def test_the_same_seed_gives_the_same_path() -> None:
     first, second, other = (plan(UR5E, START, GOAL, world=NARROW, timeout=ENOUGH, seed=s) for s in (3, 3, 4))
     np.testing.assert_array_equal(first.q, second.q)
