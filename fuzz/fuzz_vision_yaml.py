@@ -15,7 +15,7 @@ from pathlib import Path
 
 import atheris
 
-with atheris.instrument_imports(include=["pieper.perception", "yaml"]):
+with atheris.instrument_imports(include=["pieper.perception", "pieper.yaml_file", "yaml"]):
     import numpy as np
 
     from pieper.errors import PieperError
@@ -23,7 +23,7 @@ with atheris.instrument_imports(include=["pieper.perception", "yaml"]):
     from pieper.perception.color import ColorModel
     from pieper.perception.color_learning import read_regions
     from pieper.perception.pattern import load_patterns
-    from pieper.perception.yaml_file import Section, as_yaml, parse_yaml
+    from pieper.yaml_file import Section, as_yaml, parse_yaml
 
 FOLDER = Path(tempfile.mkdtemp())
 PIECES = (

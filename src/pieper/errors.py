@@ -33,6 +33,10 @@ class MotionError(PieperError, ValueError):
     """A motion that the arm must not make: out of its limits, too fast, or beginning where the arm is not."""
 
 
+class WorldError(PieperError, ValueError):
+    """A world of obstacles, or a solid in it, is malformed."""
+
+
 class DescriptionError(PieperError, ValueError):
     """A robot description is malformed.
 

@@ -12,7 +12,7 @@ import pieper
 from pieper.cli import main as command
 
 VERBS = ("robots", "info", "fk", "ik", "reach", "convert", "render", "plot", "ros", "launch")
-HEAVY = ("numpy", "scipy", "sympy", "yaml", "mpmath", "xacrodoc", "matplotlib")
+HEAVY = ("coal", "ompl", "numpy", "scipy", "sympy", "yaml", "mpmath", "xacrodoc", "matplotlib")
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], *([verb, "--help"] for verb in VERBS)], ids=" ".join)

@@ -11,7 +11,7 @@ from pieper.perception.camera import Camera
 from pieper.perception.field import load_tags
 from pieper.perception.field_lines import lines
 from pieper.perception.field_view import FieldView
-from pieper.perception.yaml_file import write_yaml
+from pieper.yaml_file import write_yaml
 from tests.perception.board_scene import overhead
 
 CAMERA = Camera([[620, 0, 323.7], [0, 625, 236.2], [0, 0, 1]], [-0.28, 0.09, 0.0008, -0.0005, -0.01], (640, 480))

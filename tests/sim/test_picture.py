@@ -249,6 +249,26 @@ def test_frames_and_lines_of_ones_own():
     assert changed(picture.image(), image).sum() > 20
 
 
+def test_solids_are_drawn_where_they_stand_and_seen_by_the_camera():
+    from pieper.model.description import Box, Capsule, Cylinder, Sphere
+
+    T = np.eye(4)
+    T[:3, 3] = [1.5, 0.0, 0.3]
+    picture = picture_of(pieper.load("mh12"), grid=False, smooth=False)
+    before = picture.image()
+    picture.add_solids([(Box([0.3, 0.3, 0.6]), T)], color="#00ff00")
+    picture.add_solids([(solid, np.eye(4)) for solid in (Cylinder(0.1, 0.2), Capsule(0.1, 0.2), Sphere(0.1))])
+    camera, scale = camera_of(picture)
+    x, y = camera.pixel(T[:3, 3] * scale, SMALL)
+    red, green, blue = map(int, picture.image()[int(y), int(x)])
+    assert green > red + 50
+    assert green > blue + 50
+    assert not (picture.image() == before).all()
+    picture.add_solids([])  # nothing to draw
+    with pytest.raises(ArrayError, match="opacity must be above 0 and at most 1, got 2"):
+        picture.add_solids([(Sphere(0.1), np.eye(4))], opacity=2.0)
+
+
 def test_a_picture_becomes_a_png_file(tmp_path):
     from PIL import Image
 

@@ -108,7 +108,7 @@ def _all(quick: bool, out: Path | None, as_json: bool) -> int:
     from rich.console import Console
 
     from pieper.perception import pass_marks
-    from pieper.perception.yaml_file import write_text
+    from pieper.yaml_file import write_text
 
     screen = Console(stderr=True)
 

@@ -67,7 +67,7 @@ def learn_colour(
     from pieper.perception.color import draw_color
     from pieper.perception.color_learning import learn, read_regions, regions_as_data
     from pieper.perception.source import probe, read_frames
-    from pieper.perception.yaml_file import write_yaml
+    from pieper.yaml_file import write_yaml
 
     keep_apart([video], {"--out": out, "--save-rois": save_rois, "--preview": preview})
     keep_apart([rois], {"--out": out, "--preview": preview})  # boxes that were corrected may replace those before
@@ -215,7 +215,7 @@ def _tell_hsv(mean: NDArray[np.float64], covariance: NDArray[np.float64]) -> Non
 def _picture(path: Path, image: NDArray[np.uint8], learned: Learned) -> None:
     from pieper.perception.color_learning import classified
     from pieper.perception.opencv import opencv
-    from pieper.perception.yaml_file import write_bytes
+    from pieper.yaml_file import write_bytes
 
     good, raw = opencv("a preview").imencode(".png", classified(image, learned.model))
     if not good:

@@ -16,7 +16,7 @@ import numpy as np
 
 from pieper.errors import VisionError, unknown_name
 from pieper.perception.opencv import opencv
-from pieper.perception.yaml_file import write_bytes
+from pieper.yaml_file import write_bytes
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -15,8 +15,8 @@ import numpy as np
 from pieper.errors import ArrayError
 from pieper.perception.camera import Camera
 from pieper.perception.field_view import FieldView
-from pieper.perception.yaml_file import Section, read_yaml, write_yaml
 from pieper.spatial import pose
+from pieper.yaml_file import Section, read_yaml, write_yaml
 
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")
 """Names of the distortion coefficients, in their order."""

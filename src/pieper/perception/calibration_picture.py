@@ -9,7 +9,7 @@ import numpy as np
 
 from pieper.errors import VisionError
 from pieper.perception.opencv import opencv
-from pieper.perception.yaml_file import write_bytes
+from pieper.yaml_file import write_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

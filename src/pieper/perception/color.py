@@ -20,8 +20,8 @@ from scipy.stats import chi2
 from pieper.errors import ArrayError, VisionError, unknown_name
 from pieper.perception.color_space import OFFSET, LogChroma, Space, space_named
 from pieper.perception.color_table import BITS, ColorTable
-from pieper.perception.yaml_file import Section, read_yaml, write_yaml
 from pieper.spatial._checks import stack
+from pieper.yaml_file import Section, read_yaml, write_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -29,7 +29,7 @@ from pieper.perception.color import (
     draw_color,
 )
 from pieper.perception.color_space import LogChroma, Space, hsv_statistics, pooled, space_named
-from pieper.perception.yaml_file import read_yaml
+from pieper.yaml_file import read_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pieper.perception.frame import Image
-    from pieper.perception.yaml_file import Section
     from pieper.spatial._checks import FloatArray
+    from pieper.yaml_file import Section
 
 FLOOR = {"log-chroma": np.full(3, 0.03**2), "hsv": np.array([1.5**2, 4.0**2, 4.0**2])}
 """Variances that are added to what was learned: a few pixels of one capture know less than they seem to, and a flat region nothing."""

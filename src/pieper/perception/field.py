@@ -24,8 +24,8 @@ from pieper.perception.camera import Camera
 from pieper.perception.field_lines import FieldLines, LinePoints, find_lines, smoothed
 from pieper.perception.field_view import FieldView
 from pieper.perception.opencv import opencv
-from pieper.perception.yaml_file import Section, read_yaml
 from pieper.spatial._checks import stack
+from pieper.yaml_file import Section, read_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence

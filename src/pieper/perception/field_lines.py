@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from pieper.errors import VisionError, unknown_name
-from pieper.perception.yaml_file import Section, read_yaml
+from pieper.yaml_file import Section, read_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -25,7 +25,7 @@ from scipy.special import chdtri
 
 from pieper.errors import VisionError, unknown_name
 from pieper.perception.sighting import Sighting
-from pieper.perception.yaml_file import parse_yaml, read_yaml
+from pieper.yaml_file import parse_yaml, read_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from pieper.perception.blobs import Blobs
     from pieper.perception.field_view import View
     from pieper.perception.scene import Scene
-    from pieper.perception.yaml_file import Section
     from pieper.spatial._checks import FloatArray
+    from pieper.yaml_file import Section
 
 Follow = Literal["all", "largest"]
 

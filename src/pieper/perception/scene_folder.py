@@ -26,7 +26,7 @@ from pieper.perception.output import VideoFile
 from pieper.perception.pattern import FORMAT, Patterns
 from pieper.perception.scene import Ball, Robot
 from pieper.perception.synthetic import Renderer
-from pieper.perception.yaml_file import write_bytes, write_yaml
+from pieper.yaml_file import write_bytes, write_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Callable

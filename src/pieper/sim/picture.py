@@ -19,10 +19,12 @@ from pieper.arm import Arm
 from pieper.errors import ArrayError, unknown_name
 from pieper.kinematics.joints import as_joints
 from pieper.model import shape
+from pieper.model.chain import Chain
+from pieper.model.description import Mesh
 from pieper.motion.files import replacing
 from pieper.motion.trajectory import Trajectory
 from pieper.sim.drawing import drawing
-from pieper.sim.meshes import bodies_of_description
+from pieper.sim.meshes import bodies_of_description, read_mesh
 from pieper.sim.offscreen import LARGEST_SIDE, import_pillow
 from pieper.sim.stage import (
     ARM_COLORS,
@@ -46,7 +48,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from pieper.model.chain import Chain
+    from pieper.model.description import Geometry
     from pieper.model.shape import Triangles
 
 Image = NDArray[np.uint8]
@@ -159,6 +161,38 @@ class Picture:
         if bodies is None:
             bodies = _bodies_of_shape(chain, paint, self.stage.theme)
         self.stage.arms.append(ShownArm(chain, motion, paint, opacity, names, axes, trace, labels, bodies))
+
+    def add_solids(
+        self, solids: Iterable[tuple[Geometry, ArrayLike]], *, color: str = "#9aa3ad", opacity: float = 1.0
+    ) -> None:
+        """Show solids that stay where they are, such as the obstacles of a world.
+
+        Parameters
+        ----------
+        solids : iterable of (Box, Cylinder, Capsule, Sphere or Mesh; (4, 4) array)
+            Each with its pose in the base frame [m, -].
+        color : str
+            ``"#rrggbb"``.
+        opacity : float
+            From 0 to 1.
+        """
+        if not 0.0 < opacity <= 1.0:
+            raise ArrayError(f"opacity must be above 0 and at most 1, got {opacity}")
+        rgb(color)
+        surfaces = []
+        for solid, T in solids:
+            if isinstance(solid, Mesh):
+                found = read_mesh(solid.path or solid.filename)
+                surface = shape.Triangles(found.vertices * solid.scale, found.faces)
+            else:
+                surface = shape.as_mesh(solid, sections=48)
+            pose = stack(T, (4, 4), "T")
+            surfaces.append(shape.Triangles(surface.vertices @ pose[:3, :3].T + pose[:3, 3], surface.faces))
+        if surfaces:
+            nothing = Chain("solids", np.zeros((0, 6)), np.eye(4), np.zeros((0, 2)), ())
+            bodies = (Body(0, color, shape.merge(surfaces)),)
+            motion = Trajectory(np.zeros(1), np.zeros((1, 0)))
+            self.stage.arms.append(ShownArm(nothing, motion, color, opacity, (), False, False, False, bodies))
 
     def add_frame(self, T_base_frame: ArrayLike, *, label: str = "") -> None:
         """Show a frame that stays where it is, (4, 4)."""

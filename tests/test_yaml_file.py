@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pieper.errors import PieperError, VisionError
-from pieper.perception.yaml_file import DEEPEST, LARGEST, Section, as_yaml, parse_yaml, read_yaml, write_yaml
+from pieper.yaml_file import DEEPEST, LARGEST, Section, as_yaml, parse_yaml, read_yaml, write_yaml
 
 
 def parsed(text: str) -> Section:

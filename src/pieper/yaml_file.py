@@ -1,4 +1,4 @@
-"""The YAML files of this room, read so that a message can name file, line and field, and written whole or not at all.
+"""YAML files that people write, read so that a message can name file, line and field, and written whole or not at all.
 
 Only plain data: no tags, no anchors, no key twice, within a size and a depth.
 """
@@ -11,16 +11,16 @@ import re
 import tempfile
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from pieper.errors import MissingExtraError, VisionError, unknown_name
+from pieper.errors import MissingExtraError, PieperError, VisionError, unknown_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from pieper.spatial._checks import FloatArray
+    from numpy.typing import NDArray
 
 LARGEST = 1 << 20
 """Bytes of a file that is read."""
@@ -33,17 +33,24 @@ _TAGS = {f"tag:yaml.org,2002:{name}" for name in ("null", "bool", "int", "float"
 _MISSING: Any = object()
 
 
-def _yaml() -> Any:
+def _yaml(extra: str = "perception") -> Any:
     try:
         return import_module("yaml")
     except ImportError as cause:
-        raise MissingExtraError("PyYAML", "perception", "a YAML file") from cause
+        raise MissingExtraError("PyYAML", extra, "a YAML file") from cause
+
+
+class _Source(NamedTuple):
+    """The file that is read, as it was named, and what is raised about it."""
+
+    file: str
+    error: type[PieperError]
 
 
 class Section:
     """A mapping in a file, with the line of each of its fields.
 
-    Every reader below takes the name of a field, and raises `VisionError` with file, line and field where the field is missing or is not
+    Every reader below takes the name of a field, and raises an error with file, line and field where the field is missing or is not
     what it should be; with `default`, a missing one gives that.
 
     Attributes
@@ -56,8 +63,9 @@ class Section:
         From 1.
     """
 
-    def __init__(self, file: str, field: str, node: Any, rows: dict[str, Any]) -> None:
-        self.file, self.field = file, field
+    def __init__(self, source: _Source, field: str, node: Any, rows: dict[str, Any]) -> None:
+        self._source, self.field = source, field
+        self.file = source.file
         self.line: int = node.start_mark.line + 1
         self._rows = rows
 
@@ -70,9 +78,9 @@ class Section:
     def __len__(self) -> int:
         return len(self._rows)
 
-    def error(self, key: str, reason: str) -> VisionError:
+    def error(self, key: str, reason: str) -> PieperError:
         """Build the error about a field, to be raised; an empty `key` is the section itself."""
-        return _error(self.file, self._rows.get(key, self.line), self._name(key), reason)
+        return _error(self._source, self._rows.get(key, self.line), self._name(key), reason)
 
     def only(self, *known: str) -> None:
         """Refuse fields of other names."""
@@ -116,7 +124,7 @@ class Section:
         self._within(key, number, least, most)
         return number
 
-    def array(self, key: str, shape: tuple[int | None, ...], default: Any = _MISSING) -> FloatArray:
+    def array(self, key: str, shape: tuple[int | None, ...], default: Any = _MISSING) -> NDArray[np.float64]:
         """Return finite numbers in nested lists of a shape, in which None stands for any length."""
         if key not in self._rows:
             return self._default(key, default)  # type: ignore[no-any-return]
@@ -140,10 +148,10 @@ class Section:
             return self._default(key, default)  # type: ignore[no-any-return]
         found = []
         for i, node in enumerate(self._list(key)):
-            value = _value(self.file, f"{self._name(key)}[{i}]", node)
+            value = _value(self._source, f"{self._name(key)}[{i}]", node)
             if not isinstance(value, str):
                 raise _error(
-                    self.file, node, f"{self._name(key)}[{i}]", f"must be text, got {value!r}; put it in quotes"
+                    self._source, node, f"{self._name(key)}[{i}]", f"must be text, got {value!r}; put it in quotes"
                 )
             found.append(value)
         return found
@@ -152,17 +160,17 @@ class Section:
         """Return the section of that name."""
         if key not in self._rows:
             return self._default(key, default)  # type: ignore[no-any-return]
-        return _section(self.file, self._name(key), self._rows[key])
+        return _section(self._source, self._name(key), self._rows[key])
 
     def sections(self, key: str, default: Any = _MISSING) -> list[Section]:
         """Return the sections in a list."""
         if key not in self._rows:
             return self._default(key, default)  # type: ignore[no-any-return]
-        return [_section(self.file, f"{self._name(key)}[{i}]", node) for i, node in enumerate(self._list(key))]
+        return [_section(self._source, f"{self._name(key)}[{i}]", node) for i, node in enumerate(self._list(key))]
 
     def plain(self, *keys: str) -> dict[str, Any]:
         """Return fields as plain data, those of the keys that are there: what is kept, but not read."""
-        return {key: _data(self.file, self._name(key), self._rows[key]) for key in keys if key in self._rows}
+        return {key: _data(self._source, self._name(key), self._rows[key]) for key in keys if key in self._rows}
 
     def _name(self, key: str) -> str:
         return ".".join(part for part in (self.field, key) if part)
@@ -175,7 +183,7 @@ class Section:
     def _scalar(self, key: str, default: Any) -> Any:
         if key not in self._rows:
             return self._default(key, default)
-        return _value(self.file, self._name(key), self._rows[key])
+        return _value(self._source, self._name(key), self._rows[key])
 
     def _list(self, key: str) -> list[Any]:
         node = self._rows[key]
@@ -184,26 +192,26 @@ class Section:
         return list(node.value)
 
     def _number(self, key: str, node: Any) -> float:
-        value = _value(self.file, self._name(key), node)
+        value = _value(self._source, self._name(key), node)
         if isinstance(value, str) and not node.style and _FLOAT.fullmatch(value):
             value = float(value)
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise _error(self.file, node, self._name(key), f"must be a number, got {value!r}")
+            raise _error(self._source, node, self._name(key), f"must be a number, got {value!r}")
         try:
             number = float(value)
         except OverflowError:
             number = np.inf
         if not np.isfinite(number):
-            raise _error(self.file, node, self._name(key), "must be a finite number")
+            raise _error(self._source, node, self._name(key), "must be a finite number")
         return number
 
     def _nested(self, key: str, node: Any, depth: int) -> Any:
         if depth == 0:
             if node.id != "scalar":
-                raise _error(self.file, node, self._name(key), "must be a number here, got a list or a section")
+                raise _error(self._source, node, self._name(key), "must be a number here, got a list or a section")
             return self._number(key, node)
         if node.id != "sequence":
-            raise _error(self.file, node, self._name(key), "must be a list of numbers")
+            raise _error(self._source, node, self._name(key), "must be a list of numbers")
         return [self._nested(key, child, depth - 1) for child in node.value]
 
     def _within(self, key: str, value: float, least: float | None, most: float | None) -> None:
@@ -212,49 +220,52 @@ class Section:
             raise self.error(key, f"must be {' and '.join(bounds)}, got {value:g}")
 
 
-def _error(file: str, where: Any, field: str, reason: str) -> VisionError:
+def _error(source: _Source, where: Any, field: str, reason: str) -> PieperError:
     line = where if isinstance(where, int) else where.start_mark.line + 1
-    return VisionError(f"{file}, line {line}, {field}: {reason}" if field else f"{file}, line {line}: {reason}")
+    place = f"{source.file}, line {line}, {field}" if field else f"{source.file}, line {line}"
+    return source.error(f"{place}: {reason}")
 
 
-def _section(file: str, field: str, node: Any) -> Section:
+def _section(source: _Source, field: str, node: Any) -> Section:
     if node.id != "mapping":
-        raise _error(file, node, field, "must be a section of fields, as in `name: value`")
+        raise _error(source, node, field, "must be a section of fields, as in `name: value`")
     rows: dict[str, Any] = {}
     for key, value in node.value:
-        name = _value(file, field, key)
+        name = _value(source, field, key)
         if not isinstance(name, str):
             name = str(key.value)  # a number or `no` as a name
         if name in rows:
-            raise _error(file, key, f"{field}.{name}".lstrip("."), "is there twice")
+            raise _error(source, key, f"{field}.{name}".lstrip("."), "is there twice")
         rows[name] = value
-    return Section(file, field, node, rows)
+    return Section(source, field, node, rows)
 
 
-def _value(file: str, field: str, node: Any) -> Any:
+def _value(source: _Source, field: str, node: Any) -> Any:
     """What a scalar means."""
     if node.id != "scalar":
-        raise _error(file, node, field, "must be a single value, got a list or a section")
+        raise _error(source, node, field, "must be a single value, got a list or a section")
     if node.tag not in _TAGS:
-        raise _error(file, node, field, f"tags such as {node.tag} are not read; plain values only")
+        raise _error(source, node, field, f"tags such as {node.tag} are not read; plain values only")
     if node.tag.endswith("timestamp"):
         return node.value  # a date stays the word that it is
     try:
         return _yaml().constructor.SafeConstructor().construct_object(node)
     except (ValueError, OverflowError, AttributeError, KeyError, IndexError):
-        raise _error(file, node, field, f"cannot be read as a value: {node.value[:40]!r}") from None
+        raise _error(source, node, field, f"cannot be read as a value: {node.value[:40]!r}") from None
 
 
-def _data(file: str, field: str, node: Any) -> Any:
+def _data(source: _Source, field: str, node: Any) -> Any:
     if node.id == "mapping":
-        section = _section(file, field, node)
+        section = _section(source, field, node)
         return section.plain(*section)
     if node.id == "sequence":
-        return [_data(file, f"{field}[{i}]", child) for i, child in enumerate(node.value)]
-    return _value(file, field, node)
+        return [_data(source, f"{field}[{i}]", child) for i, child in enumerate(node.value)]
+    return _value(source, field, node)
 
 
-def read_yaml(path: str | Path, *, largest: int = LARGEST) -> Section:
+def read_yaml(
+    path: str | Path, *, largest: int = LARGEST, error: type[PieperError] = VisionError, extra: str = "perception"
+) -> Section:
     """Read a YAML file whose top is a section of fields.
 
     Parameters
@@ -262,6 +273,10 @@ def read_yaml(path: str | Path, *, largest: int = LARGEST) -> Section:
     path : str or Path
     largest : int
         Bytes; a file that is larger is refused before it is read.
+    error : type of PieperError
+        What is raised, made from one message.
+    extra : str
+        The extra that brings PyYAML, for the message when it is missing.
 
     Returns
     -------
@@ -271,7 +286,7 @@ def read_yaml(path: str | Path, *, largest: int = LARGEST) -> Section:
     ------
     OSError
         The file is not there, or cannot be read.
-    VisionError
+    VisionError, or `error`
         It is too large, not UTF-8, not YAML, or has tags, anchors or more than one document.
 
     Examples
@@ -290,49 +305,50 @@ def read_yaml(path: str | Path, *, largest: int = LARGEST) -> Section:
     with Path(path).open("rb") as file:
         raw = file.read(largest + 1)
     if len(raw) > largest:
-        raise VisionError(f"{path}: is larger than {largest} bytes, the most that is read of a YAML file")
-    return parse_yaml(raw, str(path))
+        raise error(f"{path}: is larger than {largest} bytes, the most that is read of a YAML file")
+    return parse_yaml(raw, str(path), error=error, extra=extra)
 
 
-def parse_yaml(raw: bytes, name: str) -> Section:
+def parse_yaml(raw: bytes, name: str, *, error: type[PieperError] = VisionError, extra: str = "perception") -> Section:
     """Read YAML from bytes, as `read_yaml` does from a file."""
-    yaml = _yaml()
+    yaml = _yaml(extra)
+    source = _Source(name, error)
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as cause:
         line = raw.count(b"\n", 0, cause.start) + 1
-        raise VisionError(f"{name}, line {line}: is not UTF-8 text") from None
+        raise error(f"{name}, line {line}: is not UTF-8 text") from None
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
-        _plain(yaml, name, yaml.parse(text, Loader=loader))
+        _plain(yaml, source, yaml.parse(text, Loader=loader))
         node = yaml.compose(text, Loader=loader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        raise VisionError(f"{name}, line {mark.line + 1 if mark else 1}: {error.problem or error.context}") from None
-    except VisionError:
+    except yaml.MarkedYAMLError as cause:
+        mark = cause.problem_mark or cause.context_mark
+        raise error(f"{name}, line {mark.line + 1 if mark else 1}: {cause.problem or cause.context}") from None
+    except error:
         raise
-    except (yaml.YAMLError, ValueError) as error:  # characters that YAML forbids
-        position = getattr(error, "position", None)
+    except (yaml.YAMLError, ValueError) as cause:  # characters that YAML forbids
+        position = getattr(cause, "position", None)
         line = text.count("\n", 0, position) + 1 if isinstance(position, int) else 1
-        raise VisionError(f"{name}, line {line}: {getattr(error, 'reason', error)}") from None
+        raise error(f"{name}, line {line}: {getattr(cause, 'reason', cause)}") from None
     if node is None:
-        raise VisionError(f"{name}, line 1: the file is empty")
-    return _section(name, "", node)
+        raise error(f"{name}, line 1: the file is empty")
+    return _section(source, "", node)
 
 
-def _plain(yaml: Any, file: str, events: Any) -> None:
+def _plain(yaml: Any, source: _Source, events: Any) -> None:
     """Refuse what would make a small file large, or a flat reader deep."""
     depth = documents = 0
     for event in events:
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
-            raise _error(file, event, "", "anchors and aliases (&, *) are not read; write the value out")
+            raise _error(source, event, "", "anchors and aliases (&, *) are not read; write the value out")
         documents += isinstance(event, yaml.DocumentStartEvent)
         depth += isinstance(event, yaml.CollectionStartEvent)
         depth -= isinstance(event, yaml.CollectionEndEvent)
         if depth > DEEPEST:
-            raise _error(file, event, "", f"is nested deeper than {DEEPEST} levels")
+            raise _error(source, event, "", f"is nested deeper than {DEEPEST} levels")
         if documents > 1:
-            raise _error(file, event, "", "holds a second document; one is read")
+            raise _error(source, event, "", "holds a second document; one is read")
 
 
 def write_yaml(path: str | Path, data: Mapping[str, Any], *, comment: str = "") -> None:

@@ -1,0 +1,159 @@
+"""``pieper plan``: a motion around obstacles, or what is in the way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pieper.cli.arguments import ArmName, Base, Degrees, Json, Nominal, Quaternion, Rpy, Tip, load, turning
+from pieper.cli.show import console, print_json, print_table
+from pieper.cli.target import seed_values, wanted
+from pieper.errors import ArrayError
+
+if TYPE_CHECKING:
+    from pieper.arm import Arm
+    from pieper.motion.planning import Plan
+    from pieper.motion.world import World
+
+
+def plan(
+    arm: ArmName,
+    world: Annotated[
+        Path | None, typer.Option("--world", metavar="FILE", help="YAML file of obstacles; none by default.")
+    ] = None,
+    start: Annotated[
+        str | None, typer.Option("--from", metavar="Q1,Q2,...", help="Joint values to start from; zero by default.")
+    ] = None,
+    to: Annotated[str | None, typer.Option("--to", metavar="Q1,Q2,...", help="Joint values to go to.")] = None,
+    target: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option("--target", metavar="X Y Z", help="Or a position of the tip [m], with --rpy or --quat."),
+    ] = None,
+    rpy: Rpy = None,
+    quaternion: Quaternion = None,
+    degrees: Degrees = False,
+    margin: Annotated[float, typer.Option("--margin", metavar="M", help="Distance that is kept [m].")] = 0.01,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the random search: the same path again.")] = 0,
+    timeout: Annotated[float, typer.Option("--timeout", metavar="SECONDS", help="For the search.")] = 5.0,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="Write the motion as .csv, .json or .npz.")
+    ] = None,
+    picture: Annotated[Path | None, typer.Option("--picture", metavar="FILE", help="Draw it into a .png file.")] = None,
+    json: Json = False,
+    base: Base = None,
+    tip: Tip = None,
+    nominal: Nominal = False,
+) -> int:
+    """Find a motion from joint values to joint values or a pose that touches nothing."""
+    from pieper.motion import files, planning
+    from pieper.motion.collision import CollisionModel
+    from pieper.motion.world import World, read_world
+
+    if (to is None) == (target is None):
+        raise ArrayError("say where to go: either --to Q1,Q2,... or --target X Y Z")
+    if target is None and (rpy, quaternion) != (None, None):
+        raise ArrayError("--rpy and --quat speak of the orientation at a target; give --target X Y Z too")
+    robot = load(arm, base=base, tip=tip, nominal=nominal)
+    around = World() if world is None else read_world(world)
+    q_start = seed_values(robot, start, degrees=degrees, option="--from")
+    goal: Any
+    if target is None:
+        goal = seed_values(robot, to, degrees=degrees, option="--to")
+    else:
+        goal = wanted(*target, rpy=rpy, quaternion=quaternion, axis=None, degrees=degrees).target()
+    model = CollisionModel(robot, around, margin=margin)
+    found = _with_progress(lambda told: planning.plan(model, q_start, goal, seed=seed, timeout=timeout, progress=told))
+    if out is not None and found.found:
+        files.write(found.trajectory(robot.chain), out)
+    if picture is not None:
+        _draw(robot, around, found, picture)
+    if json:
+        print_json(_record(found))
+    else:
+        _print(robot, found)
+        for path in (out if found.found else None, picture):
+            if path is not None:
+                console().print(f"wrote {path}", markup=False, soft_wrap=True)
+    return 0 if found.found else 1
+
+
+def _with_progress(work: Any) -> Plan:
+    """Do the work, with a line about it on a terminal."""
+    from rich.console import Console
+
+    screen = Console(stderr=True)
+    if not screen.is_terminal:
+        return work(None)  # type: ignore[no-any-return]
+    with screen.status("planning") as status:
+
+        def told(seconds: float, edges: int) -> None:
+            status.update(f"planning  {seconds:.1f} s, {edges} edges looked at")
+
+        return work(told)  # type: ignore[no-any-return]
+
+
+def _print(robot: Arm, found: Plan) -> None:
+    import numpy as np
+
+    out = console()
+    out.print(f"{robot.name}  {robot.base} -> {robot.tip}\n", markup=False)
+    shown = np.where(turning(robot), np.degrees(found.q), found.q)
+    names = [f">{name}" for name in robot.joint_names]
+    rows = [[str(k), *(f"{value:.2f}" for value in row)] for k, row in enumerate(shown)]
+    print_table(out, ["point", *names], rows, title="deg or m")
+    out.print()
+    if found.found:
+        out.print(f"found  {found}", style="green", markup=False, soft_wrap=True)
+        out.print(
+            f"       {found.edges} edges and {found.states} states looked at; at least {1e3 * found.kept:.3g} mm kept all along",
+            markup=False,
+            soft_wrap=True,
+        )
+    else:
+        out.print(f"{found.status}  {found.reason}", style="red", markup=False, soft_wrap=True)
+
+
+def _record(found: Plan) -> dict[str, Any]:
+    pair = found.blocking
+    return {
+        "found": found.found,
+        "status": found.status,
+        "reason": found.reason,
+        "joint_names": list(found.joint_names),
+        "q": found.q,
+        "blocking": None if pair is None else {"first": pair.first, "second": pair.second, "distance": pair.distance},
+        "margin": found.margin,
+        "kept": found.kept,
+        "seconds": found.seconds,
+        "edges": found.edges,
+        "states": found.states,
+    }
+
+
+def _draw(robot: Arm, around: World, found: Plan, file: Path) -> None:
+    """The arm at both ends, as ghosts between, among the obstacles."""
+    from pieper.sim.picture import Picture
+
+    picture = Picture()
+    draw_plan(picture, robot, around, found)
+    picture.save(file)
+
+
+def draw_plan(picture: Any, robot: Arm, around: World, found: Plan) -> None:
+    """Put a plan into a picture."""
+    from pieper.kinematics.fk import fk
+
+    picture.add_solids([(item.solid, item.pose) for item in around], opacity=1.0)
+    color = "#f28c28"
+    picture.add_arm(robot, found.q[-1], color=color)
+    for q in found.q[:-1]:
+        picture.add_arm(robot, q, color=color, opacity=0.25)
+    if len(found.q) > 1:
+        import numpy as np
+
+        way = np.vstack(
+            [a + np.linspace(0.0, 1.0, 40)[:, None] * (b - a) for a, b in zip(found.q[:-1], found.q[1:], strict=True)]
+        )
+        picture.add_line(fk(robot.chain, way)[:, :3, 3])
