@@ -54,8 +54,8 @@ class _Piece(Protocol):
         """(k,) -> (k, 4, 4)."""
         ...
 
-    def derivatives(self, s: float) -> tuple[FloatArray, FloatArray]:
-        """Twist by length, and its derivative by length: (6,) each, linear part first, base axes."""
+    def twists(self, s: FloatArray) -> FloatArray:
+        """Motion by length, (k,) -> (k, 6): linear part first, base axes."""
         ...
 
 
@@ -89,10 +89,8 @@ class CartesianPath:
         """Lengths inside the path at which direction or curvature jump [m]: a move with bounded jerk comes to rest there."""
         bounds, found = self.bounds, []
         for k in range(1, len(self.pieces)):
-            before, after = self.pieces[k - 1], self.pieces[k]
-            jumps = zip(before.derivatives(before.length), after.derivatives(0.0), strict=True)
-            allowed = zip(_SMOOTH, jumps, strict=True)
-            if any(np.abs(a - b).max() > rounding * max(1.0, np.abs(a).max()) for rounding, (a, b) in allowed):
+            ends = zip(_SMOOTH, _end(self.pieces[k - 1]), _beginning(self.pieces[k]), strict=True)
+            if any(np.abs(a - b).max() > rounding * max(1.0, np.abs(a).max()) for rounding, a, b in ends):
                 found.append(bounds[k])
         return np.array(found)
 
@@ -331,8 +329,8 @@ class _Straight:
         share = s / self.length if self.length else np.zeros_like(s)
         return _turned(self.T, self.T[:3, 3] + share[:, None] * self.step, share[:, None] * self.turn)
 
-    def derivatives(self, s: float) -> tuple[FloatArray, FloatArray]:
-        return np.concatenate([self.step, self.turn]) / (self.length or 1.0), np.zeros(6)
+    def twists(self, s: FloatArray) -> FloatArray:
+        return np.tile(np.concatenate([self.step, self.turn]) / (self.length or 1.0), (len(s), 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -360,14 +358,13 @@ class _Arc:
         p[s == 0.0] = self.T[:3, 3]
         return _turned(self.T, p, share[:, None] * self.turn)
 
-    def derivatives(self, s: float) -> tuple[FloatArray, FloatArray]:
+    def twists(self, s: FloatArray) -> FloatArray:
         rate = self.angle / (self.length or 1.0)
         out = self.T[:3, 3] - self.centre
         side = np.cross(self.axis, out)
-        along = rate * s
-        first = rate * (np.cos(along) * side - np.sin(along) * out)
-        second = -(rate**2) * (np.cos(along) * out + np.sin(along) * side)
-        return np.concatenate([first, self.turn / (self.length or 1.0)]), np.concatenate([second, np.zeros(3)])
+        along = (rate * s)[:, None]
+        linear = rate * (np.cos(along) * side - np.sin(along) * out)
+        return np.concatenate([linear, np.tile(self.turn / (self.length or 1.0), (len(s), 1))], axis=1)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -416,15 +413,9 @@ class _Measured:
     def poses(self, s: FloatArray) -> FloatArray:
         return self.curve(self._parameter(s))[0]
 
-    def derivatives(self, s: float) -> tuple[FloatArray, FloatArray]:
-        h = 2e-5 * (self.knots[-1] - self.knots[0])
-        u = float(self._parameter(np.array([s]))[0])
-        # one-sided at the ends, of second order: Fornberg 1988, Generation of finite difference formulas
-        sign = 1.0 if u + 2.0 * h <= self.knots[-1] else -1.0
-        twists = self.curve(u + sign * h * np.arange(3.0))[1]
-        by_length = twists / _speed(twists, self.radius)[:, None]
-        slope = sign * (-1.5 * by_length[0] + 2.0 * by_length[1] - 0.5 * by_length[2]) / h
-        return by_length[0], slope / float(_speed(twists[:1], self.radius)[0])
+    def twists(self, s: FloatArray) -> FloatArray:
+        by_parameter = self.curve(self._parameter(s))[1]
+        return np.asarray(by_parameter / _speed(by_parameter, self.radius)[:, None])
 
 
 def spline(Ts_base_tcp: ArrayLike, *, radius: float = METRES_PER_RADIAN) -> CartesianPath:
@@ -490,10 +481,13 @@ def spline(Ts_base_tcp: ArrayLike, *, radius: float = METRES_PER_RADIAN) -> Cart
 def join(paths: Sequence[CartesianPath], *, blend: float = 0.0) -> CartesianPath:
     """Paths one behind another, corners kept or rounded.
 
-    A rounding begins and ends `blend` before and behind a corner, less where a piece is shorter than twice that. In it, the paths
-    before and behind the corner, continued beyond it to second order, are mixed with the weight ``w = 10 u^3 - 15 u^4 + 6 u^5``: the
-    position by ``(1 - w) p_1 + w p_2``, the orientation by ``R_1 exp(w log(R_1^T R_2))``. So direction and curvature are continuous,
-    and the tip strays from the corner by less than `blend`.
+    A rounding begins and ends `blend` before and behind a corner, less where a piece is shorter than twice that. In it, the way up to the
+    corner fades out while the way from it fades in: with ``S = 10 u^3 - 15 u^4 + 6 u^5`` over 0 <= u <= 1 they move at ``2 (1 - S)`` and
+    ``2 S`` times `blend`, and add::
+
+        p = p_1 + p_2 - p_corner,    R = R_1 R_corner^T R_2.
+
+    So direction and curvature are continuous, and between two lines the tip stays in the triangle that they make.
 
     Parameters
     ----------
@@ -545,7 +539,7 @@ def _rounded(path: CartesianPath, blend: float) -> tuple[_Piece, ...]:
         if high - low > 1e-9:
             made.append(piece if low == 0.0 and high == piece.length else _Part(piece, low, high - low))
         if k < len(reach) and reach[k] > 0.0:
-            made.append(_Measured.of(_mix(piece, pieces[k + 1], reach[k]), np.array([-reach[k], reach[k]]), path.radius))
+            made.append(_Measured.of(_mix(piece, pieces[k + 1], reach[k]), np.array([0.0, 1.0]), path.radius))
     return tuple(made)
 
 
@@ -560,55 +554,44 @@ class _Part:
     def poses(self, s: FloatArray) -> FloatArray:
         return self.whole.poses(np.clip(self.first + s, 0.0, self.whole.length))
 
-    def derivatives(self, s: float) -> tuple[FloatArray, FloatArray]:
-        return self.whole.derivatives(self.first + s)
+    def twists(self, s: FloatArray) -> FloatArray:
+        return self.whole.twists(np.clip(self.first + s, 0.0, self.whole.length))
 
 
 def _mix(before: _Piece, after: _Piece, reach: float) -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:
-    """The rounding between two pieces, over -reach <= u <= reach."""
-    last = before.poses(np.array([before.length]))[0], *before.derivatives(before.length)
-    first = after.poses(np.zeros(1))[0], *after.derivatives(0.0)
-
-    def one(u: FloatArray) -> FloatArray:
-        T = before.poses(np.clip(before.length + u, 0.0, before.length))
-        beyond = u > 0.0
-        T[beyond] = _continued(*last, u[beyond])
-        return T
-
-    def other(u: FloatArray) -> FloatArray:
-        T = after.poses(np.clip(u, 0.0, after.length))
-        beyond = u < 0.0
-        T[beyond] = _continued(*first, u[beyond])
-        return T
+    """The rounding between two pieces, over 0 <= u <= 1."""
+    corner = after.poses(np.zeros(1))[0]
 
     def curve(u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        T = pose(u)
-        rate = np.zeros((len(u), 6))
-        for times, weight in ((1.0, 8.0), (2.0, -1.0)):  # of fourth order; rounding and the rest are 1e-12 both
-            h = times * 1e-3 * reach
-            ahead, behind = pose(u + h), pose(u - h)
-            turned = _log(np.swapaxes(behind[:, :3, :3], -1, -2) @ ahead[:, :3, :3])
-            spin = (T[:, :3, :3] @ turned[..., None])[..., 0]
-            rate += weight * np.concatenate([ahead[:, :3, 3] - behind[:, :3, 3], spin], axis=1)
-        return T, rate / (12.0 * 1e-3 * reach)
-
-    def pose(u: FloatArray) -> FloatArray:
-        x = ((u + reach) / (2.0 * reach))[:, None]  # not clipped: differences at the ends go beyond
-        w = x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
-        A, B = one(u), other(u)
-        turn = w * _log(np.swapaxes(A[:, :3, :3], -1, -2) @ B[:, :3, :3])
-        A[:, :3, :3] = A[:, :3, :3] @ rotation.from_rotation_vector(turn)
-        A[:, :3, 3] = (1.0 - w) * A[:, :3, 3] + w * B[:, :3, 3]
-        return A
+        S = u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
+        way = 2.0 * u**4 * (2.5 - 3.0 * u + u * u)  # the integral of 2 S
+        one, other = before.length - reach + reach * (2.0 * u - way), reach * way
+        A, B = before.poses(np.clip(one, 0.0, before.length)), after.poses(np.clip(other, 0.0, after.length))
+        turned = A[:, :3, :3] @ corner[:3, :3].T
+        T = A.copy()
+        T[:, :3, 3] += B[:, :3, 3] - corner[:3, 3]
+        T[:, :3, :3] = _clean(turned @ B[:, :3, :3])
+        first, second = before.twists(one), after.twists(other)
+        second[:, 3:] = (turned @ second[:, 3:, None])[..., 0]
+        return T, 2.0 * reach * ((1.0 - S)[:, None] * first + S[:, None] * second)
 
     return curve
 
 
-def _continued(T: FloatArray, first: FloatArray, second: FloatArray, u: FloatArray) -> FloatArray:
-    """Poses beyond an end, from its pose and two derivatives: (k,) -> (k, 4, 4)."""
-    along = u[:, None]
-    step = along * first + 0.5 * along * along * second
-    return _turned(T, T[:3, 3] + step[:, :3], step[:, 3:])
+def _end(piece: _Piece) -> tuple[FloatArray, FloatArray]:
+    """Direction and curvature at the end of a piece: its twist, and the derivative of that by length."""
+    return _slope(piece, piece.length, -1.0)
+
+
+def _beginning(piece: _Piece) -> tuple[FloatArray, FloatArray]:
+    return _slope(piece, 0.0, 1.0)
+
+
+def _slope(piece: _Piece, s: float, inward: float) -> tuple[FloatArray, FloatArray]:
+    h = inward * 1e-4 * piece.length
+    twists = piece.twists(s + h * np.arange(3.0))
+    # of second order: Fornberg 1988, Generation of finite difference formulas, Mathematics of Computation 51, table 3
+    return twists[0], np.asarray((-1.5 * twists[0] + 2.0 * twists[1] - 0.5 * twists[2]) / h)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -621,11 +604,6 @@ def _turned(T: FloatArray, p: FloatArray, turn: FloatArray) -> FloatArray:
     made[:, :3, 3] = p
     made[:, :3, :3] = rotation.from_rotation_vector(turn) @ T[:3, :3]
     return made
-
-
-def _log(R: FloatArray) -> FloatArray:
-    """(k, 3) rotation vectors."""
-    return rotation.as_rotation_vector(_clean(R))
 
 
 def _clean(R: FloatArray) -> FloatArray:

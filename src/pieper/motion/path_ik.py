@@ -46,8 +46,8 @@ if TYPE_CHECKING:
 
 Reason = Literal["limit", "singularity", "unreachable", "branch"]
 
-LARGEST_STEP, SMALLEST_BOUND, FULL_STEP = 0.5, 0.1, 0.05
-"""A joint may move 0.5 rad [or m] between poses 0.05 m apart or more, in proportion less between nearer ones, but always 0.1 rad."""
+LARGEST_STEP, SMALLEST_BOUND, FULL_STEP = 0.5, 0.1, 0.02
+"""A joint may move 0.5 rad [or m] between poses 0.02 m apart or more, in proportion less between nearer ones, but always 0.1 rad."""
 
 PRECISION = 1e-6
 """How exactly the place of a break is found unless something else is said [m of path length]."""
@@ -57,14 +57,14 @@ _MOST_POSES = 20_000  # that may be added where steps have to be smaller
 _STARTS = 16  # that are tried where the first pose leaves a choice
 _ROUNDING = 1e-9
 _SAME = 1e-6
-_STRAY = 0.5  # of the distance between two poses, by which the tip may leave their middle when the joints go straight
+_STRAY = 0.05  # of the distance between two poses, by which the tip may leave their middle when the joints go straight
 _SINGULAR = 0.01  # least singular value of the Jacobian, a radian counted as 0.1 m: below it the break is called a singularity
 
 
 def jump_bound(distance: ArrayLike) -> FloatArray:
     """How far a joint may move between poses that are `distance` [m] of path length apart [rad or m].
 
-    >>> jump_bound([0.0, 0.02, 1.0])
+    >>> jump_bound([0.0, 0.008, 1.0])
     array([0.1, 0.2, 0.5])
     """
     return np.asarray(np.clip(np.asarray(distance) / FULL_STEP * LARGEST_STEP, SMALLEST_BOUND, LARGEST_STEP))
@@ -368,7 +368,9 @@ class _Search:
             layers = _Layers(self)
             route = layers.shortest(len(self.s))
             if route is not None:
-                strays = self._strays(route.q, self.s) if self.target == "pose" and len(route.q) > 1 else np.empty(0)
+                strays = np.zeros(len(self.s) - 1)
+                if self.target == "pose" and len(route.q) > 1:
+                    strays = self._strays(route.q, self.s)
                 wide = np.flatnonzero((strays > 0.0) & (np.diff(self.s) > self.precision))
                 if not wide.size or len(self.s) > _MOST_POSES:
                     return self._result(len(self.s), route.q, route.branch, None, "layers")
@@ -381,12 +383,15 @@ class _Search:
             assert ended is not None
             ways = [self._across(q, float(self.s[last]), float(self.s[last + 1])) for q in layers.ends(last)]
             crossed = [way for way in ways if way[2]]
+            known = len(self.s), len(self.extra)
             if not crossed or len(self.s) > _MOST_POSES:
                 return self._broken(last, ended, ways)
             for added, q, _ in crossed:
                 for s, values in zip(added, q, strict=True):
                     self.extra[s] = values
             self._add([s for added, _, _ in crossed for s in added])
+            if known == (len(self.s), len(self.extra)):  # nothing new to try
+                return self._broken(last, ended, [(added[:-1], q[:-1], False) for added, q, _ in crossed])
 
     def _add(self, places: list[float]) -> None:
         fresh = np.setdiff1d(np.array(places), self.s)
@@ -557,6 +562,8 @@ class _Layers:
         q, usable, branch = answers.q, answers.within_limits, answers.branch
         if search.extra:
             q, usable, branch = self._with_extra(q, usable, branch)
+        if not usable.shape[1]:  # no answer anywhere
+            q, usable, branch = np.zeros((len(q), 1, chain.dof)), np.zeros((len(q), 1), bool), np.zeros((len(q), 1), int)
         places = max(1, int(usable.sum(axis=1).max(initial=0)))
         if places < usable.shape[1]:  # fewer places than the method has: those that count come first
             order = np.argsort(~usable, axis=1, kind="stable")[:, :places]
@@ -714,7 +721,8 @@ class _Layers:
         with np.errstate(invalid="ignore"):
             least = np.ceil((search.lower - _ROUNDING - lowest) / _TURN)
             most = np.floor((search.upper + _ROUNDING - highest) / _TURN)
-        middle = np.where(np.isfinite(search.lower + search.upper), 0.5 * (search.lower + search.upper), 0.0)
+        bounded = np.isfinite(search.lower) & np.isfinite(search.upper)
+        middle = np.where(bounded, 0.5 * (np.where(bounded, search.lower, 0.0) + np.where(bounded, search.upper, 0.0)), 0.0)
         wish = np.rint(((middle - 0.5 * (lowest + highest)) if search.seed is None else (search.seed - q[0])) / _TURN)
         shift = np.where(search.turning, np.minimum(np.maximum(wish, least), most), 0.0)
         if (shift < np.where(search.turning, least, 0.0)).any():
