@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from pathlib import Path
 
@@ -63,9 +64,9 @@ def test_way_points_are_joined_straight_within_limits(chain, seed):
     limits = JointLimits.of(chain, **LIMITS)
     held(move, limits, count=1501)
     t = np.linspace(0, move.duration, 501)
-    q, dq, _ = move.sample(t)
+    q = move.sample(t).q
     off = np.full(len(t), np.inf)
-    for a, b in zip(points[:-1], points[1:], strict=True):
+    for a, b in itertools.pairwise(points):
         way = (b - a) / np.linalg.norm(b - a)
         off = np.minimum(off, np.linalg.norm((q - a) - ((q - a) @ way)[:, None] * way, axis=1))
     assert off.max() < STRAIGHT
@@ -78,7 +79,7 @@ def test_way_points_are_joined_straight_within_limits(chain, seed):
 
 def test_a_move_takes_the_time_of_its_closed_form():
     # 2 rad at 2 rad/s, 8 rad/s^2, 80 rad/s^3: 0.1 + 0.15 + 0.1 s up and down with 0.35 rad each, and 1.3 rad at full speed
-    move = time_waypoints(robots.chain("ur5e"), [HOME, HOME + [2.0, 0, 0, 0, 0, 0]], **LIMITS)
+    move = time_waypoints(robots.chain("ur5e"), [HOME, HOME + np.array([2.0, 0, 0, 0, 0, 0])], **LIMITS)
     assert move.duration == pytest.approx(0.7 + 1.3 / 2.0, abs=1e-6)
 
 
@@ -138,7 +139,9 @@ def test_a_turn_about_one_axis_takes_the_least_time():
     chain = robots.chain("ur5e")
     q = HOME + np.linspace(0, 1, 200)[:, None] * np.array([1.0, 0, 0, 0, 0, 0])
     way = follow_path(chain, fk(chain, q), q_start=HOME)
-    assert time_path(way, **LIMITS).duration == pytest.approx(time_waypoints(chain, q[[0, -1]], **LIMITS).duration, rel=1e-4)
+    assert time_path(way, **LIMITS).duration == pytest.approx(
+        time_waypoints(chain, q[[0, -1]], **LIMITS).duration, rel=1e-4
+    )
 
 
 def test_a_motion_of_nothing_takes_no_time():

@@ -14,6 +14,7 @@ path says at which lengths an arm has to come to rest: `CartesianPath.corners`, 
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Protocol
 
@@ -127,9 +128,7 @@ class CartesianPath:
             T[rows] = piece.poses(np.clip(flat[rows] - bounds[k], 0.0, piece.length))
         return T.reshape(*given.shape, 4, 4)
 
-    def sample(
-        self, *, count: int | None = None, step: float | None = None
-    ) -> tuple[FloatArray, FloatArray]:
+    def sample(self, *, count: int | None = None, step: float | None = None) -> tuple[FloatArray, FloatArray]:
         """Lengths and poses, evenly along the path, with every corner among them.
 
         Parameters
@@ -156,7 +155,7 @@ class CartesianPath:
         spacing = total / (count - 1) if count is not None else (0.002 if step is None else step)
         edges = np.unique(np.concatenate([[0.0], self.corners, [total]]))
         parts = [np.zeros(1)]
-        for low, high in zip(edges[:-1], edges[1:], strict=True):
+        for low, high in itertools.pairwise(edges):
             parts.append(np.linspace(low, high, max(1, int(np.ceil((high - low) / spacing - 1e-9))) + 1)[1:])
         s = np.concatenate(parts)
         return s, self.at(s)
@@ -387,7 +386,7 @@ class _Measured:
     def of(
         cls, curve: Callable[[FloatArray], tuple[FloatArray, FloatArray]], edges: FloatArray, radius: float
     ) -> _Measured:
-        knots = np.unique(np.concatenate([np.linspace(a, b, _CELLS + 1) for a, b in zip(edges[:-1], edges[1:], strict=True)]))
+        knots = np.unique(np.concatenate([np.linspace(a, b, _CELLS + 1) for a, b in itertools.pairwise(edges)]))
         half = np.diff(knots) / 2.0
         u = (knots[:-1] + half)[:, None] + half[:, None] * _NODES
         speed = _speed(curve(u.ravel())[1], radius).reshape(u.shape)
@@ -402,7 +401,7 @@ class _Measured:
         low, width = self.knots[cell], np.diff(self.knots)[cell]
         wanted = s - self.lengths[cell]
         u = low + width * wanted / np.maximum(np.diff(self.lengths)[cell], 1e-300)
-        for _ in range(3):
+        for _ in range(2):
             half = (u - low) / 2.0
             points = low[:, None] + half[:, None] * (1.0 + _NODES)
             speeds = _speed(self.curve(np.append(points.ravel(), u))[1], self.radius)
@@ -509,9 +508,11 @@ def join(paths: Sequence[CartesianPath], *, blend: float = 0.0) -> CartesianPath
     if not (np.isfinite(blend) and blend >= 0.0):
         raise ArrayError(f"blend must be 0 or more [m], got {blend!r}")
     radius = given[0].radius
-    for k, (one, other) in enumerate(zip(given[:-1], given[1:], strict=True)):
+    for k, (one, other) in enumerate(itertools.pairwise(given)):
         if other.radius != radius:
-            raise ArrayError(f"paths must count radians alike; path 0 has {radius:g} m/rad, path {k + 1} {other.radius:g}")
+            raise ArrayError(
+                f"paths must count radians alike; path 0 has {radius:g} m/rad, path {k + 1} {other.radius:g}"
+            )
         metres = float(np.linalg.norm(one.end[:3, 3] - other.start[:3, 3]))
         radians = float(rotation.distance(one.end[:3, :3], other.start[:3, :3]))
         if metres > SAME_POSITION or radians > 1e-7:

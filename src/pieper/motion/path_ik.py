@@ -27,7 +27,6 @@ from pieper.errors import ArrayError, unknown_name
 from pieper.ik import target as _target
 from pieper.ik.numeric import solve_numeric
 from pieper.ik.solve import solver
-from pieper.kinematics.fk import fk
 from pieper.kinematics.jacobian import jacobian
 from pieper.kinematics.joints import as_joints, periodic_joints
 from pieper.kinematics.manipulability import singularity
@@ -58,7 +57,9 @@ _STARTS = 16  # that are tried where the first pose leaves a choice
 _ROUNDING = 1e-9
 _SAME = 1e-6
 _STRAY = 0.05  # of the distance between two poses, by which the tip may leave their middle when the joints go straight
-_SINGULAR = 0.01  # least singular value of the Jacobian, a radian counted as 0.1 m: below it the break is called a singularity
+_SINGULAR = (
+    0.01  # least singular value of the Jacobian, a radian counted as 0.1 m: below it the break is called a singularity
+)
 
 
 def jump_bound(distance: ArrayLike) -> FloatArray:
@@ -204,6 +205,7 @@ def follow_path(
 
     Examples
     --------
+    >>> from pieper.kinematics.fk import fk
     >>> from pieper.model import catalog
     >>> from pieper.motion.path import line
     >>> arm = catalog.describe("ur5e").chain()
@@ -459,7 +461,7 @@ class _Search:
     def _why(self, s: float, q: FloatArray, index: int) -> PathBreak:
         """The reason that a path ends at length s with joint values q."""
         total = float(self.source.s[-1])
-        beyond = min(s + self.precision, total)
+        beyond = min(s + 10.0 * self.precision, total)
         T = self.source.between(beyond)
         if self.layered:
             answers = self.solver.solve(self.wanted(T), q)
@@ -478,7 +480,11 @@ class _Search:
             out = np.maximum(self.lower - candidates[0], candidates[0] - self.upper)
             worst = int(np.argmax(out))
             if out[worst] > -_ROUNDING:
-                bound = self.lower[worst] if candidates[0][worst] < q[worst] or q[worst] < self.lower[worst] else self.upper[worst]
+                bound = (
+                    self.lower[worst]
+                    if candidates[0][worst] < q[worst] or q[worst] < self.lower[worst]
+                    else self.upper[worst]
+                )
                 return PathBreak(
                     s, index, "limit",
                     f"{near}: joint {self.chain.joint_names[worst]!r} is at its limit of {bound:.6g} and would have to go beyond",
@@ -563,7 +569,11 @@ class _Layers:
         if search.extra:
             q, usable, branch = self._with_extra(q, usable, branch)
         if not usable.shape[1]:  # no answer anywhere
-            q, usable, branch = np.zeros((len(q), 1, chain.dof)), np.zeros((len(q), 1), bool), np.zeros((len(q), 1), int)
+            q, usable, branch = (
+                np.zeros((len(q), 1, chain.dof)),
+                np.zeros((len(q), 1), bool),
+                np.zeros((len(q), 1), int),
+            )
         places = max(1, int(usable.sum(axis=1).max(initial=0)))
         if places < usable.shape[1]:  # fewer places than the method has: those that count come first
             order = np.argsort(~usable, axis=1, kind="stable")[:, :places]
@@ -670,7 +680,9 @@ class _Layers:
         follower = np.concatenate([follower, np.full((len(open_), 1), k)], axis=1)  # from nowhere to nowhere
         cost = np.full((len(starts), k), np.inf)
         cost[np.arange(len(starts)), starts] = 0.0
-        steps: list[tuple[int, NDArray[np.int64] | None, NDArray[np.int64]]] = []  # where, traces of a run, predecessors
+        steps: list[
+            tuple[int, NDArray[np.int64] | None, NDArray[np.int64]]
+        ] = []  # where, traces of a run, predecessors
         i = 0
         for stop in [*split.tolist(), poses - 1]:
             if stop > i:  # a run in which every answer has one follower at most
@@ -722,7 +734,9 @@ class _Layers:
             least = np.ceil((search.lower - _ROUNDING - lowest) / _TURN)
             most = np.floor((search.upper + _ROUNDING - highest) / _TURN)
         bounded = np.isfinite(search.lower) & np.isfinite(search.upper)
-        middle = np.where(bounded, 0.5 * (np.where(bounded, search.lower, 0.0) + np.where(bounded, search.upper, 0.0)), 0.0)
+        middle = np.where(
+            bounded, 0.5 * (np.where(bounded, search.lower, 0.0) + np.where(bounded, search.upper, 0.0)), 0.0
+        )
         wish = np.rint(((middle - 0.5 * (lowest + highest)) if search.seed is None else (search.seed - q[0])) / _TURN)
         shift = np.where(search.turning, np.minimum(np.maximum(wish, least), most), 0.0)
         if (shift < np.where(search.turning, least, 0.0)).any():

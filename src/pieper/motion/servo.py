@@ -21,7 +21,7 @@ Dynamic Systems, Measurement, and Control 108(3), 163-171.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -121,7 +121,9 @@ class Servo:
         self.chain = chain
         self.limits = JointLimits.of(chain) if limits is None else limits
         if self.limits.chain.joint_names != chain.joint_names:
-            raise ArrayError(f"limits must be those of the joints of {chain.name!r}, got those of {self.limits.chain.name!r}")
+            raise ArrayError(
+                f"limits must be those of the joints of {chain.name!r}, got those of {self.limits.chain.name!r}"
+            )
         self.rate = float(rate)
         self.held: Held | None = None
         start = self.limits.check_position(q).tolist()
@@ -146,7 +148,9 @@ class Servo:
         self._lower, self._upper = (lower + _ROOM).tolist(), (upper - _ROOM).tolist()
         # farther from a limit than any braking takes nothing needs to be looked at
         way = self.limits.velocity * (
-            self.limits.velocity / self.limits.acceleration + 2.0 * self.limits.acceleration / self.limits.jerk + 2.0 / rate
+            self.limits.velocity / self.limits.acceleration
+            + 2.0 * self.limits.acceleration / self.limits.jerk
+            + 2.0 / rate
         )
         self._near_lower, self._near_upper = (lower + way).tolist(), (upper - way).tolist()
         self._q, self._dq, self._ddq = start, list(self._zeros), list(self._zeros)
@@ -225,10 +229,15 @@ class Servo:
 
     def _to_pose(self, T: FloatArray) -> Command:
         old = self._goal
-        if self._listed:
-            answers = self._solver.solve(T, self._goal_array)
-        else:
-            answers = self._iterated(T)
+        try:
+            if self._listed:
+                answers = self._solver.solve(T, self._goal_array)
+            else:
+                answers = solve_numeric(self.chain, T, seed=self._goal_array, restarts=1)
+        except ArrayError as error:
+            self.held = Held("malformed", f"{error}; the arm holds")
+            self._following = False
+            return self._ahead(old, self._zeros)
         if answers.within_limits[:1].any():
             best = answers.q[0]
             goal = best.tolist()
@@ -252,15 +261,9 @@ class Servo:
                 feed = [max(-v, min(v, (a - b) * rate)) for a, b, v in zip(goal, old, self._fed, strict=True)]
             self._following = True
             return self._ahead(goal, feed)
-        self._say_why(answers, T)
+        self._say_why(answers)
         self._following = False
         return self._ahead(old, self._zeros)
-
-    def _iterated(self, T: FloatArray) -> IKSolutions:
-        try:
-            return solve_numeric(self.chain, T, seed=self._goal_array, restarts=1)
-        except ArrayError:
-            return self._solver.solve(np.full((1, 4, 4), np.nan))  # a result that says malformed
 
     def _takes_far(self, answers: IKSolutions) -> bool:
         """Whether an answer that is far away may be taken: one of the same branch. Sets the goal, or says why not."""
@@ -279,25 +282,27 @@ class Servo:
         name = self.chain.joint_names[joint]
         if self._is_singular():
             self.held = Held(
-                "singularity", f"the branch ends here, joint {name!r} would have to jump by {jump[joint]:.3g}; the arm holds"
+                "singularity",
+                f"the branch ends here, joint {name!r} would have to jump by {jump[joint]:.3g}; the arm holds",
             )
         else:
             self.held = Held(
-                "branch", f"the pose is on another branch, joint {name!r} would have to jump by {jump[joint]:.3g}; the arm holds"
+                "branch",
+                f"the pose is on another branch, joint {name!r} would have to jump by {jump[joint]:.3g}; the arm holds",
             )
         return False
 
     def _is_singular(self) -> bool:
         return bool(self.chain.native.manipulability(self._goal_array) < self._regular)
 
-    def _say_why(self, answers: IKSolutions, T: FloatArray) -> None:
+    def _say_why(self, answers: IKSolutions) -> None:
         status = Status(int(answers.status.ravel()[0]))
-        if status is Status.malformed or not np.isfinite(T).all():
-            self.held = Held("malformed", "the target is no pose: it must be finite, with a rotation in it; the arm holds")
-        elif status is Status.outside_limits:
+        if status is Status.outside_limits:
             self.held = Held("limit", f"{answers.reason}; the arm holds")
         elif not self._listed and self._is_singular():
-            self.held = Held("singularity", "iteration from the pose before came to no answer near a singularity; the arm holds")
+            self.held = Held(
+                "singularity", "iteration from the pose before came to no answer near a singularity; the arm holds"
+            )
         else:
             self.held = Held("unreachable", "the pose is out of reach; the arm holds")
 
@@ -331,7 +336,10 @@ class Servo:
             dq = [v / fastest for v in dq]
             if self.held is None:
                 name = self.chain.joint_names[joint]
-                self.held = Held("limit", f"joint {name!r} would have to be {fastest:.3g} times as fast as its limit; all are slowed down")
+                self.held = Held(
+                    "limit",
+                    f"joint {name!r} would have to be {fastest:.3g} times as fast as its limit; all are slowed down",
+                )
         asked = self._turning
         asked.current_position, asked.current_velocity, asked.current_acceleration = self._q, self._dq, self._ddq
         asked.target_velocity = dq
@@ -365,7 +373,9 @@ class Servo:
             most, rate = self._most, self.rate
             for k, (a, b) in enumerate(zip(goal, self._q, strict=True)):
                 if abs(a - b) * rate > _LAG * most[k] and abs(self._dq[k]) > 0.999 * most[k]:
-                    self.held = Held("limit", f"joint {self.chain.joint_names[k]!r} moves at its speed limit and lags behind")
+                    self.held = Held(
+                        "limit", f"joint {self.chain.joint_names[k]!r} moves at its speed limit and lags behind"
+                    )
                     break
         return command
 
@@ -395,7 +405,7 @@ class Servo:
     def _stop(self, *, limited: bool = False) -> Command:
         """One cycle of braking as hard as allowed."""
         self._following = False
-        if limited and self.held is None:
+        if limited:
             lower, upper = self.chain.limits.T
             room = np.minimum(np.array(self._q) - lower, upper - np.array(self._q))
             joint = int(np.argmin(room))

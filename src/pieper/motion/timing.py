@@ -29,6 +29,7 @@ Berscheid and Kroeger 2021, Jerk-limited real-time trajectory generation with ar
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from math import sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -230,16 +231,14 @@ def time_waypoints(
     >>> round(move.duration, 6), move.sample(move.duration / 2).q
     (0.85, array([ 0.5 , -1.5 ,  1.5 ,  0.25,  0.  ,  0.  ]))
     """
-    limits = JointLimits.of(
-        chain, max_velocity=max_velocity, max_acceleration=max_acceleration, max_jerk=max_jerk
-    )
+    limits = JointLimits.of(chain, max_velocity=max_velocity, max_acceleration=max_acceleration, max_jerk=max_jerk)
     points = as_joints(chain, waypoints, name="waypoints")
     if points.ndim != 2 or not len(points):
         raise ArrayError(f"waypoints must have shape (m, {chain.dof}) with at least one row, got {points.shape}")
     points = np.array([limits.check_position(q, name=f"waypoint {k}") for k, q in enumerate(points)])
     parts = [
         _edge(limits, tcp, a, b)
-        for a, b in zip(points[:-1], points[1:], strict=True)
+        for a, b in itertools.pairwise(points)
         if (np.abs(b - a) / limits.velocity).max() > _REPEATED
     ]
     return _one_after_another(chain, parts, points[-1])
@@ -311,13 +310,11 @@ def time_path(
     if path.broken is not None:
         raise MotionError(f"the path must reach its end to be timed; it breaks: {path.broken.message}")
     chain = path.chain
-    limits = JointLimits.of(
-        chain, max_velocity=max_velocity, max_acceleration=max_acceleration, max_jerk=max_jerk
-    )
+    limits = JointLimits.of(chain, max_velocity=max_velocity, max_acceleration=max_acceleration, max_jerk=max_jerk)
     edges = np.searchsorted(path.s, path.corners - 1e-12)
     edges = np.unique(np.concatenate([[0], edges, [len(path.s) - 1]]))
     parts = []
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in itertools.pairwise(edges):
         part = _section(path.q[a : b + 1], limits, tcp or TcpLimits())
         if part is not None:
             parts.append(part)
@@ -426,7 +423,7 @@ class _Cut:
         return [float(e) for e in np.unique(edges)]
 
     def windows(self, edges: list[float], share: tuple[float, float, float]) -> list[_Bounds]:
-        return [self._window(a, b, share) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        return [self._window(a, b, share) for a, b in itertools.pairwise(edges)]
 
     def _window(self, a: float, b: float, share: tuple[float, float, float]) -> _Bounds:
         if (a, b, share) not in self._bounds:
@@ -606,9 +603,7 @@ def _along(spline: Any, knots: FloatArray, profile: _Profile, limits: JointLimit
     return Trajectory(times, np.clip(q, *limits.chain.limits.T), dq, ddq, limits.chain.joint_names)
 
 
-def _cubic(
-    x: FloatArray, v: FloatArray, a: FloatArray, j: FloatArray, piece: Any, e: FloatArray
-) -> FloatArray:
+def _cubic(x: FloatArray, v: FloatArray, a: FloatArray, j: FloatArray, piece: Any, e: FloatArray) -> FloatArray:
     return np.asarray(x[piece] + e * (v[piece] + e * (0.5 * a[piece] + e * j[piece] / 6.0)))
 
 
@@ -638,7 +633,11 @@ def _held(trajectory: Trajectory, limits: JointLimits, tcp: TcpLimits | None) ->
         assert trajectory.dq is not None
         assert trajectory.ddq is not None
         trajectory = Trajectory(
-            trajectory.t * slower, trajectory.q, trajectory.dq / slower, trajectory.ddq / slower**2, trajectory.joint_names
+            trajectory.t * slower,
+            trajectory.q,
+            trajectory.dq / slower,
+            trajectory.ddq / slower**2,
+            trajectory.joint_names,
         )
     return trajectory
 
@@ -657,9 +656,7 @@ def _one_after_another(chain: Chain, parts: list[Trajectory], rest: FloatArray) 
         dq.append(part.dq[1:])
         ddq.append(part.ddq[1:])
         now += part.duration
-    return Trajectory(
-        np.concatenate(t), np.concatenate(q), np.concatenate(dq), np.concatenate(ddq), chain.joint_names
-    )
+    return Trajectory(np.concatenate(t), np.concatenate(q), np.concatenate(dq), np.concatenate(ddq), chain.joint_names)
 
 
 def _planned(ruckig: Any, asked: Any) -> Any:
