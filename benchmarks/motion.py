@@ -26,7 +26,8 @@ from pieper.motion.servo import Servo
 from pieper.motion.timing import TcpLimits, time_path
 
 HOME = {"ur5e": [0.3, -1.2, 1.4, -1.7, -1.5, 0.3], "kr210": [0.1, 0.2, -0.3, 0.4, 0.5, 0.6]}
-WAY = {"ur5e": [0.2, -0.3, 0.1], "kr210": [0.5, -0.8, 0.3]}
+WAY = {"ur5e": [0.2, -0.3, 0.1], "kr210": [0.2, -0.5, 0.2]}
+AT_A_TIME = 10
 LIMITS = {"max_velocity": 2.0, "max_acceleration": 8.0, "max_jerk": 80.0}
 
 
@@ -46,12 +47,14 @@ def path_ik(rounds: int) -> dict:
         assert way.complete
         assert len(way.q) == 1000
         assert np.abs(arm.fk(way.q) - Ts).max() < 1e-9
-        ways = {
-            "all branches": lambda arm=arm, Ts=Ts: follow_path(arm.chain, Ts),
-            "from a start": lambda arm=arm, Ts=Ts, q=q: follow_path(arm.chain, Ts, q_start=q),
+        ways = {  # the clock of the process ticks every 4 ms on some systems: several at a time
+            "all branches": lambda arm=arm, Ts=Ts: [follow_path(arm.chain, Ts) for _ in range(AT_A_TIME)],
+            "from a start": lambda arm=arm, Ts=Ts, q=q: [
+                follow_path(arm.chain, Ts, q_start=q) for _ in range(AT_A_TIME)
+            ],
         }
         for label, seconds in paired.in_turn(ways, rounds=rounds).items():
-            found[f"{name}, {label}"] = paired.quartiles([1e3 * value for value in seconds])
+            found[f"{name}, {label}"] = paired.quartiles([1e3 * value / AT_A_TIME for value in seconds])
     return found
 
 

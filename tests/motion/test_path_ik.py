@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import pieper
 from pieper.errors import ArrayError, UnknownNameError
+from pieper.ik.iteration import iterate
 from pieper.ik.solve import solve
 from pieper.kinematics.fk import fk
 from pieper.kinematics.jacobian import jacobian
@@ -194,8 +195,7 @@ def test_five_and_seven_joints_follow_too(name, target, method):
         np.testing.assert_allclose(Ts[:, :3, 2], wanted[:, :3, 2], rtol=0, atol=REACHED)
 
 
-def test_tracking_and_layers_agree():
-    # E6, C13: iteration along a path and the closed form make the same motion
+def test_C13_iteration_along_a_path_and_the_closed_form_make_the_same_motion():
     chain = robots.chain("ur5e")
     T = fk(chain, HOME)
     path = line(T, shifted(T, 0.1, -0.1, 0.05))
@@ -206,6 +206,21 @@ def test_tracking_and_layers_agree():
     for k, pose_k in enumerate(path.at(by_layers.s)):
         q = solve_numeric(chain, pose_k, seed=q).q[0]
         np.testing.assert_allclose(by_layers.q[k], q, rtol=0, atol=1e-7)
+
+
+def test_E6_the_target_of_the_iteration_is_reached_on_a_straight_line():
+    chain = robots.chain("ur5e")
+    start = np.array([-1.28, 4.41, 1.54, -1.16, -1.56, 0.0])
+    T = fk(chain, start)
+    goal = T.copy()
+    goal[:3, 3] = [0.50, -0.60, 0.20]
+    way = follow_path(chain, line(T, goal), q_start=start)
+    assert way.complete, way.broken
+    np.testing.assert_allclose(fk(chain, way.q[-1]), goal, atol=REACHED)
+    *_, last = iterate(
+        chain, goal, start, orientation="reach", position_stop=1e-10, rotation_stop=1e-10, iterations=100
+    )
+    np.testing.assert_allclose(way.q[-1], last.q, atol=1e-6)
 
 
 def test_malformed_questions_are_refused():

@@ -83,6 +83,14 @@ def test_a_move_takes_the_time_of_its_closed_form():
     assert move.duration == pytest.approx(0.7 + 1.3 / 2.0, abs=1e-6)
 
 
+def test_E3_the_move_of_the_ur_report_within_every_limit():
+    chain = robots.chain("ur5e")
+    goal = [-1.28, 4.41, 1.54, -1.16, -1.56, 0.0]
+    move = time_waypoints(chain, [np.zeros(6), goal], **LIMITS)
+    held(move, JointLimits.of(chain, **LIMITS))
+    np.testing.assert_array_equal(move.q[-1], goal)
+
+
 def pathology(chain):
     T = fk(chain, HOME)
     B, C = T.copy(), T.copy()

@@ -199,7 +199,7 @@ def line(T_start: ArrayLike, T_goal: ArrayLike, *, radius: float = METRES_PER_RA
     --------
     >>> path = line(np.eye(4), [[0, -1, 0, 0.3], [1, 0, 0, 0.0], [0, 0, 1, 0.4], [0, 0, 0, 1]])
     >>> round(path.length, 6)  # sqrt(0.5^2 + (0.1 pi / 2)^2)
-    0.524095
+    0.524094
     >>> path.at(path.length / 2)[:3, 3]
     array([0.15, 0.  , 0.2 ])
     """

@@ -214,7 +214,7 @@ def follow_path(
     >>> T_goal[:3, 3] += [0.2, -0.3, 0.1]
     >>> way = follow_path(arm, line(T, T_goal), q_start=[0.3, -1.2, 1.4, -1.7, -1.5, 0.3])
     >>> way.complete, way.branch[0], len(way.q)
-    (True, 'front, elbow up, no flip', 189)
+    (True, 'front, elbow up, flip', 189)
     """
     if target not in ("pose", "axis", "position"):
         raise unknown_name("target", target, ("pose", "axis", "position"), "follow_path")

@@ -55,7 +55,7 @@ _SHARES = ((0.3, 0.3, 0.3), (0.6, 0.3, 0.3), (0.6, 0.6, 0.2))
 """Of an acceleration limit what ``q'' v^2`` may use, and of a jerk limit what ``q''' v^3`` and ``3 q'' v a`` may."""
 _SWEEPS = 2  # of joining windows
 _FINEST = 1e-3  # [s] least time between two points where one can be left out: below it, rounding shows in the jerk
-_COARSEST = 0.02  # [s] most time between two points
+_COARSEST = 0.01  # [s] most time between two points
 _SAFE = 1.0 - 1e-8  # of a limit: what is left to rounding
 _REPEATED = 1e-9  # [s of joint motion at the speed limits] points nearer than this are one
 
