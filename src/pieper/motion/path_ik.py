@@ -2,7 +2,7 @@
 
 Arms whose answers are all listed (closed forms, general six joints) are solved **by layers**: every answer of every pose in one call,
 then the shortest admissible route through them. A step between two answers is admissible when no joint moves further than
-`jump_bound` allows for the distance between the two poses; its cost is the sum over the joints of the way divided by the speed limit.
+`jump_bound` allows for the distance between the two poses, and one answer is the nearest of its layer to the other; its cost is the sum over the joints of the way divided by the speed limit.
 Whole turns are undone along the route, and it is shifted by whole turns to where every joint stays within its limits; a route without
 such a shift is no route. Where no route goes on, the arm is led across the gap in ever smaller steps; if that succeeds, the poses it went
 through join the layers, else the place of the break is known to `precision`.
@@ -623,15 +623,18 @@ class _Layers:
         """(m - 1, k, k): which answer may follow which."""
         q = self.q * self._in_turns
         bound = jump_bound(np.diff(self.search.s))
-        open_ = self.usable[:-1, :, None] & self.usable[1:, None, :]
+        worst = np.where(self.usable[:-1, :, None] & self.usable[1:, None, :], 0.0, np.inf)
         for j in range(chain.dof):
             column = np.ascontiguousarray(q[:, :, j])
             apart = column[1:, None, :] - column[:-1, :, None]
             if self.search.turning[j]:
                 apart -= np.rint(apart)
+                apart *= _TURN
             np.abs(apart, out=apart)
-            open_ &= apart <= (bound * self._in_turns[j])[:, None, None]
-        return np.asarray(open_)
+            np.maximum(worst, apart, out=worst)
+        # beside a fold two branches are near each other, and the answer that goes on is the nearer one
+        nearest = np.minimum(np.maximum(worst.min(axis=2, keepdims=True), worst.min(axis=1, keepdims=True)), bound[:, None, None])
+        return np.asarray(worst <= nearest + _ROUNDING)
 
     def costs(self, rows: NDArray[np.int64], a: NDArray[np.int64], b: NDArray[np.int64]) -> FloatArray:
         """Cost of the ways from answers a of some poses to answers b of the next: the sum of the ways over the speed limits [s]."""

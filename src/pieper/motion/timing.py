@@ -1,7 +1,7 @@
 """When to be where: the quickest motion along joint lines and joint paths that keeps velocity, acceleration and jerk within limits.
 
 `time_waypoints` goes straight in joint space from point to point and rests at each. Ruckig finds the quickest jerk-limited profile of every
-edge; its synchronisation by phase keeps the joints on the straight line, so that an edge that was checked stays checked.
+edge. All joints are in phase, on the straight line, so that an edge that was checked stays checked.
 
 `time_path` follows a `pieper.motion.path_ik.JointPath`. A cubic spline q(x) goes through its joint values, over their own length x in the
 measure of the speed limits, so that nothing diverges where joints turn fast for little motion of the tip. With the path speed v = dx/dt
@@ -245,24 +245,32 @@ def time_waypoints(
 
 
 def _edge(limits: JointLimits, tcp: TcpLimits | None, start: FloatArray, goal: FloatArray) -> Trajectory:
+    """One profile for the share of the way, under the limits that the joints leave it: the joints stay on the line whatever their limits.
+
+    Ruckig's own synchronisation by phase gives up where the joint that takes longest is not the one that every limit
+    comes from, and the joints then leave the line.
+    """
     ruckig = _ruckig()
-    n = len(start)
-    asked = ruckig.InputParameter(n)
-    asked.synchronization = ruckig.Synchronization.Phase
-    asked.current_position, asked.target_position = start.tolist(), goal.tolist()
-    asked.max_velocity, asked.max_acceleration = limits.velocity.tolist(), limits.acceleration.tolist()
-    asked.max_jerk = limits.jerk.tolist()
+    way = goal - start
+    moving = way != 0.0
+    v, a, j = (
+        float((most[moving] / np.abs(way[moving])).min())
+        for most in (limits.velocity, limits.acceleration, limits.jerk)
+    )
+    asked = ruckig.InputParameter(1)
+    asked.target_position = [1.0]
+    asked.max_velocity, asked.max_acceleration, asked.max_jerk = [v], [a], [j]
     found = _planned(ruckig, asked)
-    longest = int(np.argmax(np.abs(goal - start) / limits.velocity))
-    t = np.unique(np.concatenate([[0.0], np.cumsum(found.profiles[0][longest].t), [found.duration]]))
-    t = t[np.concatenate([[True], np.diff(t) > 1e-12])]
-    t[-1] = found.duration
-    states = [found.at_time(float(time)) for time in t]
-    q, dq, ddq = (np.array([state[k] for state in states]) for k in range(3))
+    profile = found.profiles[0][0]
+    ends = np.concatenate([[0.0], np.cumsum(profile.t)])
+    kept = np.concatenate([[True], np.diff(ends) > 1e-12])
+    share, speed, change = (np.array(values)[kept] for values in (profile.p, profile.v, profile.a))
+    q = start + share[:, None] * way
+    dq, ddq = speed[:, None] * way, change[:, None] * way
     q[0], q[-1] = start, goal
     for values in (dq, ddq):
         values[0] = values[-1] = 0.0
-    return _held(Trajectory(t, q, dq, ddq, limits.chain.joint_names), limits, tcp)
+    return _held(Trajectory(ends[kept], q, dq, ddq, limits.chain.joint_names), limits, tcp)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
