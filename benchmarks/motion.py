@@ -27,6 +27,7 @@ from pieper.motion.timing import TcpLimits, time_path
 
 HOME = {"ur5e": [0.3, -1.2, 1.4, -1.7, -1.5, 0.3], "kr210": [0.1, 0.2, -0.3, 0.4, 0.5, 0.6]}
 WAY = {"ur5e": [0.2, -0.3, 0.1], "kr210": [0.2, -0.5, 0.2]}
+PANDA = [0.1, -0.5, 0.2, -2.0, 0.3, 1.6, 0.7]  # by iteration: it has no closed form
 AT_A_TIME = 10
 LIMITS = {"max_velocity": 2.0, "max_acceleration": 8.0, "max_jerk": 80.0}
 
@@ -60,10 +61,10 @@ def path_ik(rounds: int) -> dict:
 
 def servo(cycles: int) -> dict:
     found = {}
-    for name, q in HOME.items():
+    for name, q in [*HOME.items(), ("panda", PANDA)]:
         arm = pieper.load(name)
         T = arm.fk(q)
-        path = line(T, beside(T, WAY[name]))
+        path = line(T, beside(T, WAY.get(name, [0.1, -0.1, 0.1])))
         there = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, 2000)))
         Ts = path.at(np.concatenate([there, there[::-1]]) * path.length)
         swing = np.sin(np.linspace(0.0, 2.0 * np.pi, 2000))[:, None] * np.array([0.05, -0.05, 0.05, 0.1, 0.0, 0.1])

@@ -197,6 +197,18 @@ def test_five_and_seven_joints_follow_too(name, target, method):
         np.testing.assert_allclose(Ts[:, :3, 2], wanted[:, :3, 2], rtol=0, atol=REACHED)
 
 
+def test_a_tracked_arm_names_the_limit_that_it_ends_at():
+    chain = robots.chain("franka_panda")
+    q = np.clip(chain.limits, -3.0, 3.0).mean(axis=1) + 0.1
+    q[6] = chain.limits[6, 1] - 0.05
+    turned = fk(chain, q) @ pose.from_xyz_rpy([0, 0, 0], [0, 0, 1.5])
+    way = follow_path(chain, line(fk(chain, q), turned), q_start=q)
+    if way.broken is not None:  # the other six may turn the tip as well
+        assert way.broken.reason in ("limit", "singularity")
+    assert (way.q <= chain.limits[:, 1]).all()
+    assert (way.q >= chain.limits[:, 0]).all()
+
+
 def test_C13_iteration_along_a_path_and_the_closed_form_make_the_same_motion():
     chain = robots.chain("ur5e")
     T = fk(chain, HOME)

@@ -90,6 +90,19 @@ def test_any_twist_is_made_within_limits_and_stopped_at_any_moment(chain, seed, 
     brake(servo)
 
 
+@settings(max_examples=6, deadline=None)
+@given(chains, st.integers(0, 1000))
+def test_any_stream_is_followed_within_limits(chain, seed):
+    rng = np.random.default_rng(seed)
+    lower, upper = np.clip(chain.limits, -3.0, 3.0).T
+    servo = Servo(chain, limits_of(chain), q=rng.uniform(lower, upper))
+    for _ in range(6):
+        far = fk(chain, rng.uniform(lower, upper))
+        near = fk(chain, np.clip(servo.q + rng.uniform(-0.1, 0.1, chain.dof), *chain.limits.T))
+        run(servo, [far] * 20 + [near] * 20 + [rng.uniform(-4, 4, 6)] * 20)
+    brake(servo)
+
+
 def test_a_twist_moves_the_tip_with_it():
     chain = robots.chain("ur5e")
     servo = Servo(chain, limits_of(chain), q=HOME)

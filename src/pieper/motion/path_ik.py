@@ -56,6 +56,7 @@ _MOST_POSES = 20_000  # that may be added where steps have to be smaller
 _STARTS = 16  # that are tried where the first pose leaves a choice
 _ROUNDING = 1e-9
 _SAME = 1e-6
+_AT_LIMIT = 1e-4  # [rad or m] a tracked arm that ends this near to a joint limit ends because of it
 _STRAY = 0.05  # of the distance between two poses, by which the tip may leave their middle when the joints go straight
 _SINGULAR = (
     0.01  # least singular value of the Jacobian, a radian counted as 0.1 m: below it the break is called a singularity
@@ -469,6 +470,8 @@ class _Search:
             answers = solve_numeric(self.chain, self.wanted(T), seed=q)
         near = f"at {s:.6g} of {total:.6g} m"
         J = jacobian(self.chain, q) * np.array([1.0] * 3 + [METRES_PER_RADIAN] * 3)[:, None]
+        if self.target == "position":
+            J = J[:3]
         report = singularity(J, threshold=_SINGULAR, joint_names=self.chain.joint_names)
         candidates = self.unturned(answers.q[answers.valid], q)
         if len(candidates):
@@ -490,12 +493,13 @@ class _Search:
                     f"{near}: joint {self.chain.joint_names[worst]!r} is at its limit of {bound:.6g} and would have to go beyond",
                     self.precision,
                 )  # fmt: skip
+        if not self.layered and room[tight] <= _AT_LIMIT:  # iteration keeps within the limits, and ends there
+            return PathBreak(s, index, "limit", f"{near}: joint {name!r} is at its limit", self.precision)
         if not len(candidates):
             if self.layered or not report.near:
-                words = f"{near}: the pose behind is {answers.reason}" if self.layered else f"{near}: {answers.reason}"
-                if room[tight] <= _SAME and not self.layered:
-                    return PathBreak(s, index, "limit", f"{near}: joint {name!r} is at its limit", self.precision)
-                return PathBreak(s, index, "unreachable", words, self.precision)
+                return PathBreak(
+                    s, index, "unreachable", f"{near}: the pose behind it is missed: {answers.reason}", self.precision
+                )
             return PathBreak(s, index, "singularity", f"{near}: {report}", self.precision)
         if report.near:
             return PathBreak(s, index, "singularity", f"{near}: the branch ends, {report}", self.precision)
@@ -633,7 +637,9 @@ class _Layers:
             np.abs(apart, out=apart)
             np.maximum(worst, apart, out=worst)
         # beside a fold two branches are near each other, and the answer that goes on is the nearer one
-        nearest = np.minimum(np.maximum(worst.min(axis=2, keepdims=True), worst.min(axis=1, keepdims=True)), bound[:, None, None])
+        nearest = np.minimum(
+            np.maximum(worst.min(axis=2, keepdims=True), worst.min(axis=1, keepdims=True)), bound[:, None, None]
+        )
         return np.asarray(worst <= nearest + _ROUNDING)
 
     def costs(self, rows: NDArray[np.int64], a: NDArray[np.int64], b: NDArray[np.int64]) -> FloatArray:
