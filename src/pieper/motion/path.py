@@ -145,7 +145,8 @@ class CartesianPath:
         """
         if count is not None and step is not None:
             raise ArrayError("sample takes a count or a step, not both")
-        if count is not None and (isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 2):
+        whole: object = count
+        if count is not None and (isinstance(whole, bool) or not isinstance(whole, (int, np.integer)) or count < 2):
             raise ArrayError(f"count must be a whole number of at least 2, got {count!r}")
         if step is not None and not (np.isfinite(step) and step > 0.0):
             raise ArrayError(f"step must be above 0 [m], got {step!r}")

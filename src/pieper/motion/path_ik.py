@@ -640,7 +640,8 @@ class _Layers:
         nearest = np.minimum(
             np.maximum(worst.min(axis=2, keepdims=True), worst.min(axis=1, keepdims=True)), bound[:, None, None]
         )
-        return np.asarray(worst <= nearest + _ROUNDING)
+        allowed: NDArray[np.bool_] = worst <= nearest + _ROUNDING
+        return allowed
 
     def costs(self, rows: NDArray[np.int64], a: NDArray[np.int64], b: NDArray[np.int64]) -> FloatArray:
         """Cost of the ways from answers a of some poses to answers b of the next: the sum of the ways over the speed limits [s]."""
@@ -698,7 +699,7 @@ class _Layers:
                 traces = np.empty((stop - i + 1, k), dtype=np.int64)
                 at = traces[0] = np.arange(k)
                 for row in range(i, stop):
-                    at = traces[row - i + 1] = follower[row][at] if row == i else follower[row].take(at)
+                    at = traces[row - i + 1] = follower[row].take(at)
                 done = at < k
                 spent = np.full(k, np.inf)
                 for column in np.flatnonzero(done & np.isfinite(cost).any(axis=0)).tolist():

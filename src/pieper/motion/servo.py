@@ -29,6 +29,7 @@ from pieper.errors import ArrayError, MotionError
 from pieper.ik.numeric import solve_numeric
 from pieper.ik.solutions import Status
 from pieper.ik.solve import solver
+from pieper.model.chain import Chain
 from pieper.motion.limits import JointLimits
 from pieper.motion.timing import _ruckig
 
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from pieper.ik.solutions import IKSolutions
-    from pieper.model.chain import Chain
     from pieper.spatial._checks import FloatArray
 
 LARGEST_STEP = 0.2
@@ -115,7 +115,7 @@ class Servo:
     def __init__(
         self, arm: _HasChain | Chain, limits: JointLimits | None = None, *, q: ArrayLike, rate: float = 500.0
     ) -> None:
-        chain: Chain = getattr(arm, "chain", arm)
+        chain = arm if isinstance(arm, Chain) else arm.chain
         if not (np.isfinite(rate) and rate > 0.0):
             raise ArrayError(f"rate must be above 0 [Hz], got {rate!r}")
         self.chain = chain
@@ -134,7 +134,7 @@ class Servo:
         self._asked, self._turning, self._brake = (ruckig.InputParameter(n) for _ in range(3))
         self._out, self._stopped = ruckig.OutputParameter(n), ruckig.OutputParameter(n)
         for asked in (self._asked, self._turning, self._brake):
-            asked.synchronization = getattr(ruckig.Synchronization, "No")  # noqa: B009 - as Ruckig names it
+            asked.synchronization = ruckig.Synchronization.No
             asked.max_velocity = self.limits.velocity.tolist()
             asked.max_acceleration = self.limits.acceleration.tolist()
             asked.max_jerk = self.limits.jerk.tolist()
@@ -159,7 +159,8 @@ class Servo:
         self._goal, self._goal_array = list(start), np.array(start)
         self._branch = -1
         self._following = False
-        probes = np.random.default_rng(0).uniform(*np.clip(chain.limits, -np.pi, np.pi).T, (256, n))
+        lowest, highest = np.clip(chain.limits, -np.pi, np.pi).T
+        probes = lowest + np.random.default_rng(0).random((256, n)) * (highest - lowest)
         self._regular = _THRESHOLD * float(np.max(chain.native.manipulability(probes)))
         self._eye = np.eye(6)
 

@@ -142,7 +142,8 @@ def usage(trajectory: Trajectory, limits: JointLimits, tcp: TcpLimits | None = N
             exact = np.abs(polynomial.evaluate(c[near][:, None, :], places)).max(axis=-1)
             share[near] = exact / np.broadcast_to(most, share.shape)[near]
         shares.append(float(share.max()))
-    return Usage(*shares, *_tip_usage(limits.chain, trajectory, tcp or TcpLimits()))
+    velocity, acceleration, jerk = shares
+    return Usage(velocity, acceleration, jerk, *_tip_usage(limits.chain, trajectory, tcp or TcpLimits()))
 
 
 def _tip_usage(chain: Chain, trajectory: Trajectory, tcp: TcpLimits) -> tuple[float, float, float]:
@@ -437,8 +438,9 @@ class _Cut:
         if (a, b, share) not in self._bounds:
             low, high = np.searchsorted(self.places, [a, b])
             rows = slice(max(int(low) - 1, 0), int(high) + 1)
-            largest = (size[:, rows].max(axis=1) for size in self.sizes)
-            self._bounds[a, b, share] = _bounds(b - a, *largest, *self.most, share)
+            first, second, third = (size[:, rows].max(axis=1) for size in self.sizes)
+            velocity, acceleration, jerk = self.most
+            self._bounds[a, b, share] = _bounds(b - a, first, second, third, velocity, acceleration, jerk, share)
         return self._bounds[a, b, share]
 
     def joined(
