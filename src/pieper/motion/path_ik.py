@@ -608,7 +608,8 @@ class _Layers:
 
     def _first(self, names: tuple[str, ...]) -> NDArray[np.bool_]:
         """(k,): the answers at the first pose that a route may begin with."""
-        search, usable = self.search, self.usable[0].copy()
+        search = self.search
+        usable: NDArray[np.bool_] = self.usable[0].copy()
         if search.words is not None:
             words = [word.strip() for word in search.words.split(",")]
             known = {part for name in names for part in name.split(", ")}

@@ -136,11 +136,10 @@ def usage(trajectory: Trajectory, limits: JointLimits, tcp: TcpLimits | None = N
         c = trajectory.polynomials(order)
         least, greatest = polynomial.bounds(c)
         share = np.maximum(np.abs(least), np.abs(greatest)) / most
-        if share.max() > 1.0 - 1e-9:  # the bounds are wide: look closely where they matter
-            near = share > min(1.0, 0.98 * share.max()) - 1e-9
-            places = polynomial.stationary(c[near])
-            exact = np.abs(polynomial.evaluate(c[near][:, None, :], places)).max(axis=-1)
-            share[near] = exact / np.broadcast_to(most, share.shape)[near]
+        near = share >= 0.9 * share.max()  # the bounds are a little wide: look closely where they matter
+        places = polynomial.stationary(c[near])
+        exact = np.abs(polynomial.evaluate(c[near][:, None, :], places)).max(axis=-1)
+        share[near] = exact / np.broadcast_to(most, share.shape)[near]
         shares.append(float(share.max()))
     velocity, acceleration, jerk = shares
     return Usage(velocity, acceleration, jerk, *_tip_usage(limits.chain, trajectory, tcp or TcpLimits()))
