@@ -16,7 +16,7 @@ in the window; a backward and a forward pass find the largest speeds between win
 these bounds, with no acceleration there; and Ruckig finds the quickest profile of each window. So every limit holds by construction,
 slow where the path asks for it, as near a straight wrist. Of several ways to cut, the quickest is taken.
 
-At last the motion is measured: the extrema of the polynomials between its points, and the tip at sixteen places between each two. The whole
+At last the motion is measured: the extrema of the polynomials between its points, and the tip at sixteen places between each two, with parabolas through them. The whole
 motion is then made slower by what rounding or interpolation exceed a limit, or quicker by what the windows left. What is returned holds
 the limits.
 
@@ -127,7 +127,7 @@ def usage(trajectory: Trajectory, limits: JointLimits, tcp: TcpLimits | None = N
     Returns
     -------
     Usage
-        For the joints from the extrema of the polynomials; for the tip from sixteen places between each two points.
+        For the joints from the extrema of the polynomials; for the tip from sixteen places between each two points, and parabolas through them.
     """
     if len(trajectory.t) == 1:
         return Usage(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -153,17 +153,28 @@ def _tip_usage(chain: Chain, trajectory: Trajectory, tcp: TcpLimits) -> tuple[fl
     t = np.append((trajectory.t[:-1, None] + u * lengths[:, None]).ravel(), trajectory.t[-1])
     q, dq, ddq = trajectory.sample(t)
     twist, rate = _tip(chain, q, dq, ddq)
-    speed = np.linalg.norm(twist[:, :3], axis=1).max() / tcp.velocity
-    spin = np.linalg.norm(twist[:, 3:], axis=1).max() / tcp.angular_velocity
-    linear = np.linalg.norm(rate[:, :3], axis=1).max() / tcp.acceleration
-    angular = np.linalg.norm(rate[:, 3:], axis=1).max() / tcp.angular_acceleration
+    speed = _peak(np.linalg.norm(twist[:, :3], axis=1)) / tcp.velocity
+    spin = _peak(np.linalg.norm(twist[:, 3:], axis=1)) / tcp.angular_velocity
+    linear = _peak(np.linalg.norm(rate[:, :3], axis=1)) / tcp.acceleration
+    angular = _peak(np.linalg.norm(rate[:, 3:], axis=1)) / tcp.angular_acceleration
     jerk = 0.0
     if np.isfinite(tcp.jerk):
         c = trajectory.polynomials(3)
         which = np.append(np.repeat(np.arange(len(lengths)), 16), len(lengths) - 1)
         dddq = polynomial.evaluate(c[which], np.append(np.tile(u, len(lengths)), 1.0)[:, None])
-        jerk = float(np.linalg.norm(_tip_jerk(chain, q, dq, ddq, dddq), axis=1).max() / tcp.jerk)
+        jerk = _peak(np.linalg.norm(_tip_jerk(chain, q, dq, ddq, dddq), axis=1)) / tcp.jerk
     return float(max(speed, spin)), float(max(linear, angular)), jerk
+
+
+def _peak(f: FloatArray) -> float:
+    """The largest value of a curve by its samples: that of the parabola through each and its neighbours, where it is the largest of the three."""
+    if len(f) < 3:
+        return float(f.max())
+    before, here, after = f[:-2], f[1:-1], f[2:]
+    top = (here >= before) & (here >= after)
+    bend = 2.0 * here - before - after
+    more = np.where(top & (bend > 0.0), (after - before) ** 2 / (8.0 * np.maximum(bend, 1e-300)), 0.0)
+    return float(max(f.max(), (here + more).max()))
 
 
 def _tip(chain: Chain, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> tuple[FloatArray, FloatArray]:
