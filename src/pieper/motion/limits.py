@@ -27,6 +27,9 @@ DEFAULT_SLIDING_SPEED = 0.25
 DEFAULT_TIME_TO_FULL_SPEED = 0.5
 """No description gives accelerations: unless one is given, a joint takes this long to reach its velocity limit [s]."""
 
+DEFAULT_TIME_TO_FULL_ACCELERATION = 0.1
+"""Likewise for jerk: unless one is given, a joint takes this long to reach its acceleration limit [s]."""
+
 ROUNDING = 1e-9
 """By how much a polynomial may exceed a limit [rad or m], or a fraction of a velocity limit: a trajectory made to touch its
 limits touches them up to rounding."""
@@ -44,15 +47,23 @@ class JointLimits:
         Largest speed [rad/s or m/s], finite.
     acceleration : (n,) array
         Largest acceleration [rad/s^2 or m/s^2], finite.
+    jerk : (n,) array
+        Largest jerk [rad/s^3 or m/s^3], finite. What moves with steps of acceleration does not look at it.
     """
 
     chain: Chain
     velocity: FloatArray
     acceleration: FloatArray
+    jerk: FloatArray
 
     @classmethod
     def of(
-        cls, chain: Chain, *, max_velocity: ArrayLike | None = None, max_acceleration: ArrayLike | None = None
+        cls,
+        chain: Chain,
+        *,
+        max_velocity: ArrayLike | None = None,
+        max_acceleration: ArrayLike | None = None,
+        max_jerk: ArrayLike | None = None,
     ) -> JointLimits:
         """The limits of a chain, lowered or filled in by what is given.
 
@@ -64,6 +75,8 @@ class JointLimits:
             or 0.25 m/s for a joint that slides.
         max_acceleration : float or (n,) array, optional
             [rad/s^2 or m/s^2]; when not given, what reaches the velocity limit in 0.5 s.
+        max_jerk : float or (n,) array, optional
+            [rad/s^3 or m/s^3]; when not given, what reaches the acceleration limit in 0.1 s.
 
         Raises
         ------
@@ -96,9 +109,12 @@ class JointLimits:
         acceleration = velocity / DEFAULT_TIME_TO_FULL_SPEED
         if max_acceleration is not None:
             acceleration = _positive(chain, max_acceleration, "max_acceleration")
-        for values in (velocity, acceleration):
+        jerk = acceleration / DEFAULT_TIME_TO_FULL_ACCELERATION
+        if max_jerk is not None:
+            jerk = _positive(chain, max_jerk, "max_jerk")
+        for values in (velocity, acceleration, jerk):
             values.setflags(write=False)
-        return cls(chain, velocity, acceleration)
+        return cls(chain, velocity, acceleration, jerk)
 
     def check_position(self, q: ArrayLike, *, name: str = "q") -> FloatArray:
         """`q` as a new (n,) array within the joint limits, or an error that says which joint is not.

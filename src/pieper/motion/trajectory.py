@@ -238,6 +238,64 @@ class Trajectory:
                     values[times >= last] = given[-1]
         return Sample(q, np.where(resting, 0.0, dq), np.where(resting, 0.0, ddq))
 
+    def at_rate(self, rate: float) -> Trajectory:
+        """Points at an even rate, the last one at the end, which may come sooner than the others.
+
+        Parameters
+        ----------
+        rate : float
+            Points a second [Hz].
+
+        Returns
+        -------
+        Trajectory
+            With velocities and accelerations as `sample` gives them.
+
+        Raises
+        ------
+        ArrayError
+            A rate that is not above 0, or so high that there would be more than ten million points.
+
+        Examples
+        --------
+        >>> Trajectory([0.0, 1.0], [[0.0], [1.0]]).at_rate(4.0).t
+        array([0.  , 0.25, 0.5 , 0.75, 1.  ])
+        """
+        if not (np.isfinite(rate) and rate > 0.0):
+            raise ArrayError(f"rate must be above 0 [Hz], got {rate!r}")
+        if self.duration * rate > 1e7:
+            raise ArrayError(
+                f"{self.duration:.6g} s at {rate:g} Hz would be more than ten million points; take a lower rate"
+            )
+        t = self.t[0] + np.arange(int(np.floor(self.duration * rate + 1e-9)) + 1) / rate
+        t = np.append(t[t < self.t[-1] - 1e-9], self.t[-1])
+        return Trajectory(t, *self.sample(t), self.joint_names)
+
+    def as_message(self) -> dict[str, Any]:
+        """The trajectory in the shape of ``trajectory_msgs/msg/JointTrajectory``: plain dictionaries, lists and numbers.
+
+        Times count from the first point. What the trajectory does not give is an empty list, as ROS has it.
+
+        Examples
+        --------
+        >>> Trajectory([0.0, 1.5], [[0.0], [1.0]], joint_names=("lift",)).as_message()["points"][1]
+        {'positions': [1.0], 'velocities': [], 'accelerations': [], 'effort': [], 'time_from_start': {'sec': 1, 'nanosec': 500000000}}
+        """
+        points = []
+        for k, time in enumerate((self.t - self.t[0]).tolist()):
+            seconds, rest = divmod(round(time * 1e9), 10**9)
+            points.append(
+                {
+                    "positions": self.q[k].tolist(),
+                    "velocities": [] if self.dq is None else self.dq[k].tolist(),
+                    "accelerations": [] if self.ddq is None else self.ddq[k].tolist(),
+                    "effort": [],
+                    "time_from_start": {"sec": seconds, "nanosec": rest},
+                }
+            )
+        header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
+        return {"header": header, "joint_names": list(self.joint_names), "points": points}
+
     def in_order(self, joint_names: Sequence[str]) -> Trajectory:
         """The same trajectory with its columns in another order of joints.
 

@@ -1,0 +1,215 @@
+"""``pieper move``: a motion to joint values or to a pose, within the limits of joints and tip, into a file."""
+
+from __future__ import annotations
+
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pieper.cli.arguments import ArmName, Axis, Base, Degrees, Json, Nominal, Quaternion, Rpy, Tip, load
+from pieper.cli.show import console, print_json
+from pieper.cli.target import seed_values, wanted
+from pieper.errors import PieperError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from pieper.arm import Arm
+    from pieper.motion.path_ik import JointPath
+    from pieper.motion.timing import TcpLimits, Usage
+    from pieper.motion.trajectory import Trajectory
+
+To = Annotated[str | None, typer.Option("--to", metavar="Q1,Q2,...", help="Joint values to go to.")]
+Target = Annotated[
+    tuple[float, float, float] | None,
+    typer.Option("--target", metavar="X Y Z", help="Or a position for the tip in the base frame [m]."),
+]
+Start = Annotated[
+    str | None, typer.Option("--from", metavar="Q1,Q2,...", help="Joint values to start from; zero when not given.")
+]
+Straight = Annotated[
+    bool,
+    typer.Option("--straight/--joint", help="The tip goes on a straight line, or the joints go their shortest way."),
+]
+Velocity = Annotated[float | None, typer.Option("--velocity", metavar="V", help="Limit of every joint [rad/s or m/s].")]
+Acceleration = Annotated[
+    float | None, typer.Option("--acceleration", metavar="A", help="Limit of every joint [rad/s^2 or m/s^2].")
+]
+Jerk = Annotated[float | None, typer.Option("--jerk", metavar="J", help="Limit of every joint [rad/s^3 or m/s^3].")]
+TipVelocity = Annotated[float | None, typer.Option("--tip-velocity", metavar="V", help="Limit of the tip [m/s].")]
+TipAcceleration = Annotated[
+    float | None, typer.Option("--tip-acceleration", metavar="A", help="Limit of the tip [m/s^2].")
+]
+Rate = Annotated[
+    float | None,
+    typer.Option("--rate", metavar="HZ", help="Points a second in the file; as few as needed when not given."),
+]
+Out = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write the motion as .csv, .json or .npz.")]
+Plot = Annotated[
+    Path | None, typer.Option("--plot", metavar="FILE", help="Draw joint values and velocities as .png, .pdf or .svg.")
+]
+
+
+def move(
+    arm: ArmName,
+    to: To = None,
+    target: Target = None,
+    rpy: Rpy = None,
+    quaternion: Quaternion = None,
+    axis: Axis = None,
+    start: Start = None,
+    straight: Straight = False,
+    velocity: Velocity = None,
+    acceleration: Acceleration = None,
+    jerk: Jerk = None,
+    tip_velocity: TipVelocity = None,
+    tip_acceleration: TipAcceleration = None,
+    rate: Rate = None,
+    out: Out = None,
+    plot: Plot = None,
+    degrees: Degrees = False,
+    base: Base = None,
+    tip: Tip = None,
+    nominal: Nominal = False,
+    as_json: Json = False,
+) -> int:
+    """A motion from rest to rest to joint values (--to) or to a pose (--target), within limits of velocity, acceleration and jerk."""
+    import numpy as np
+
+    from pieper.motion import files
+    from pieper.motion.limits import JointLimits
+    from pieper.motion.timing import TcpLimits, time_path, time_waypoints, usage
+
+    if (to is None) == (target is None):
+        raise PieperError("give one of --to Q1,Q2,... and --target X Y Z")
+    if to is not None and not (rpy is None and quaternion is None and axis is None):
+        raise PieperError("--rpy, --quat and --axis belong to --target; joint values have an orientation already")
+    if plot is not None:
+        from pieper.viewer.plot import checked_file
+
+        checked_file(plot)
+    if out is not None and out.suffix.lower() not in files.FORMATS:
+        raise PieperError(f"--out must end in {', '.join(files.FORMATS)}, got {str(out)!r}")
+    robot = load(arm, base=base, tip=tip, nominal=nominal)
+    q_start = seed_values(robot, start, degrees=degrees, option="--from")
+    limits = {"max_velocity": velocity, "max_acceleration": acceleration, "max_jerk": jerk}
+    tcp = TcpLimits(
+        np.inf if tip_velocity is None else tip_velocity, np.inf if tip_acceleration is None else tip_acceleration
+    )
+    T_goal, q_goal = _goal(robot, q_start, to, target, rpy, quaternion, axis, degrees=degrees)
+    way: JointPath | None = None
+    if straight:
+        way = _straight(robot, q_start, T_goal)
+        if way.broken is not None:
+            return _not_reached(way, as_json)
+        made = time_path(way, tcp=tcp, **limits)
+    else:
+        if q_goal is None:
+            answers = robot.ik(T_goal, seed=q_start)
+            if not answers.reached:
+                return _not_reached(answers.reason, as_json)
+            q_goal = robot.nearest_ik(T_goal, q_start)
+        made = time_waypoints(robot.chain, [q_start, q_goal], tcp=tcp, **limits)
+    used = usage(made, JointLimits.of(robot.chain, **limits), tcp)
+    written = made if rate is None else made.at_rate(rate)
+    if out is not None:
+        files.write(written, out)
+    if plot is not None:
+        _draw(robot, made, plot, degrees=degrees)
+    if as_json:
+        print_json(_record(robot, written, way, used))
+    else:
+        _print(robot, written, way, used, tcp, out, plot)
+    return 0
+
+
+def _goal(
+    robot: Arm,
+    q_start: NDArray[np.float64],
+    to: str | None,
+    target: tuple[float, float, float] | None,
+    rpy: Any,
+    quaternion: Any,
+    axis: Any,
+    *,
+    degrees: bool,
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """The pose to go to, and the joint values where they were typed; a position alone keeps the orientation of the start."""
+    if target is None:
+        q = seed_values(robot, to, degrees=degrees, option="--to")
+        return robot.fk(q), q
+    goal = wanted(*target, rpy=rpy, quaternion=quaternion, axis=axis, degrees=degrees)
+    goal.target()  # refuses what does not go together
+    return goal.pose_from(robot.fk(q_start)[:3, :3]), None
+
+
+def _straight(robot: Arm, q_start: NDArray[np.float64], T_goal: NDArray[np.float64]) -> JointPath:
+    from pieper.motion.path import line
+    from pieper.motion.path_ik import follow_path
+
+    return follow_path(robot.chain, line(robot.fk(q_start), T_goal), q_start=q_start)
+
+
+def _not_reached(why: JointPath | str, as_json: bool) -> int:
+    reason = why if isinstance(why, str) else str(why.broken)
+    if as_json:
+        broken = None if isinstance(why, str) else why.broken
+        print_json(
+            {
+                "reached": False,
+                "reason": reason,
+                "break": None
+                if broken is None
+                else {"s": broken.s, "reason": broken.reason, "precision": broken.precision},
+            }
+        )
+    else:
+        console().print(f"not reached  {reason}", style="red", markup=False)
+    return 1
+
+
+def _record(robot: Arm, made: Trajectory, way: JointPath | None, used: Usage) -> dict[str, Any]:
+    return {
+        "arm": robot.name,
+        "reached": True,
+        "duration": made.duration,
+        "branch": None if way is None or not way.branch else way.branch[0],
+        "limits_used": used._asdict(),
+        "trajectory": made.as_message(),
+    }
+
+
+def _print(
+    robot: Arm,
+    made: Trajectory,
+    way: JointPath | None,
+    used: Usage,
+    tcp: TcpLimits,
+    out: Path | None,
+    plot: Path | None,
+) -> None:
+    page = console()
+    page.print(f"{robot.name}  {robot.base} -> {robot.tip}\n", style="bold", markup=False)
+    if way is None:
+        page.print("way          straight in joint space", markup=False)
+    else:
+        branch = f", {way.branch[0]}" if way.branch and way.branch[0] else ""
+        page.print(f"way          straight line of the tip, {len(way.q)} poses{branch}", markup=False)
+    page.print(f"duration     {made.duration:.4g} s, {len(made.t)} points", markup=False)
+    said = ["velocity", "acceleration", "jerk"]
+    said += [f"tcp_{name}" for name in ("velocity", "acceleration") if isfinite(getattr(tcp, name))]
+    words = [f"{name.replace('tcp_', 'tip ')} {100.0 * getattr(used, name):.0f} %" for name in said]
+    shares = ", ".join(words)
+    page.print(f"limits used  {shares}", markup=False)
+    for file in (out, plot):
+        if file is not None:
+            typer.echo(f"wrote {file}", err=True)
+
+
+def _draw(robot: Arm, made: Trajectory, file: Path, *, degrees: bool) -> None:
+    from pieper.viewer import plot
+
+    plot.save(plot.joints(robot, made, degrees=degrees), file)

@@ -1,0 +1,89 @@
+"""``pieper move``: motions into files, and what is said where there is none."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import pieper
+from pieper.cli.main import main
+from pieper.motion import files
+from pieper.motion.limits import JointLimits
+from pieper.motion.timing import usage
+
+START = "0.3,-1.2,1.4,-1.7,-1.5,0.3"
+LIMITS = ["--acceleration", "8", "--jerk", "80"]
+
+
+def test_a_joint_move_goes_to_a_file_within_its_limits(tmp_path, capsys):
+    file = tmp_path / "move.csv"
+    assert main(["move", "ur5e", "--from", START, "--to", "0.8,-1,1.2,-1.7,-1.5,0.3", *LIMITS, "--out", str(file)]) == 0
+    said = capsys.readouterr()
+    assert "straight in joint space" in said.out
+    assert f"wrote {file}" in said.err
+    made = files.read(file)
+    np.testing.assert_allclose(made.q[-1], [0.8, -1, 1.2, -1.7, -1.5, 0.3])
+    chain = pieper.load("ur5e").chain
+    assert max(usage(made, JointLimits.of(chain, max_acceleration=8, max_jerk=80))) <= 1 + 1e-6
+
+
+def test_a_straight_line_keeps_the_tip_on_it(tmp_path):
+    file = tmp_path / "move.npz"
+    target = ["--target", "0.45", "-0.1", "0.5", "--straight", "--tip-velocity", "0.25", "--rate", "250"]
+    assert main(["move", "ur5e", "--from", START, *target, "--out", str(file)]) == 0
+    made, arm = files.read(file), pieper.load("ur5e")
+    T = arm.fk(made.q)
+    way = T[-1, :3, 3] - T[0, :3, 3]
+    off = np.cross(T[:, :3, 3] - T[0, :3, 3], way / np.linalg.norm(way))
+    assert np.linalg.norm(off, axis=1).max() < 1e-5
+    np.testing.assert_allclose(T[-1, :3, 3], [0.45, -0.1, 0.5], atol=1e-9)
+    np.testing.assert_allclose(T[:, :3, :3], np.broadcast_to(T[0, :3, :3], (len(T), 3, 3)), atol=1e-5)
+    speed = np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1) / np.diff(made.t)
+    assert speed.max() <= 0.25 * (1 + 1e-6)
+
+
+def test_json_is_a_message_with_what_was_used(capsys):
+    assert main(["move", "ur5e", "--from", START, "--target", "0.4", "-0.1", "0.5", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["reached"] is True
+    assert said["trajectory"]["joint_names"] == list(pieper.load("ur5e").joint_names)
+    assert said["limits_used"]["jerk"] <= 1 + 1e-6
+
+
+def test_a_break_is_told_with_its_place(capsys):
+    target = ["--target", "1.5", "-0.1", "0.5"]
+    assert main(["move", "ur5e", "--from", START, *target, "--straight"]) == 1
+    assert "not reached  at 0.2" in capsys.readouterr().out
+    assert main(["move", "ur5e", "--from", START, *target, "--straight", "--json"]) == 1
+    said = json.loads(capsys.readouterr().out)
+    assert said["reached"] is False
+    assert 0.27 < said["break"]["s"] < 0.29
+    assert main(["move", "ur5e", "--from", START, *target]) == 1
+    assert "out of reach" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "give one of --to"),
+        (["--to", START, "--target", "1", "1", "1"], "give one of --to"),
+        (["--to", START, "--rpy", "0", "0", "0"], "belong to --target"),
+        (["--to", START, "--out", "move.txt"], "--out must end in .csv, .json, .npz"),
+        (["--to", START, "--jerk", "0"], "max_jerk must be above 0"),
+        (["--to", START, "--tip-velocity", "nan"], "limit velocity of the tip must be above 0"),
+        (["--to", "0,0,4,0,0,0"], "outside its limits"),
+        (["--to", START, "--rate", "0"], "rate must be above 0"),
+    ],
+)
+def test_bad_input_is_refused(arguments, words, capsys):
+    assert main(["move", "ur5e", *arguments]) == 2
+    assert words in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_plot_is_drawn(tmp_path):
+    pytest.importorskip("matplotlib", reason="the extra plot is not installed")
+    file = tmp_path / "move.png"
+    assert main(["move", "ur5e", "--from", START, "--to", "0,-1,1,0,0,0", "--plot", str(file)]) == 0
+    assert file.read_bytes().startswith(b"\x89PNG")
