@@ -157,7 +157,7 @@ class Picture:
             names = tuple(chain.frame(which).name for which in frames)
         bodies = bodies_of_description(description, chain, paint) if meshes and description is not None else None
         if bodies is None:
-            bodies = _bodies_of_shape(chain, paint, self.stage.theme)
+            bodies = bodies_of_shape(chain, paint, self.stage.theme)
         self.stage.arms.append(ShownArm(chain, motion, paint, opacity, names, axes, trace, labels, bodies))
 
     def add_frame(self, T_base_frame: ArrayLike, *, label: str = "") -> None:
@@ -255,7 +255,7 @@ def _resting(chain: Chain, q: ArrayLike) -> Trajectory:
     return Trajectory(np.zeros(1), values[None], joint_names=chain.joint_names)
 
 
-def _bodies_of_shape(chain: Chain, color: str, theme: Theme) -> tuple[Body, ...]:
+def bodies_of_shape(chain: Chain, color: str, theme: Theme) -> tuple[Body, ...]:
     """The shape made from the chain, one surface for each link and colour."""
     paint = {
         "base": theme.metal,
