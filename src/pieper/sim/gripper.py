@@ -152,7 +152,7 @@ def add_gripper(spec: Any, body: Any, gripper: ParallelGripper, T_body_tip: Floa
             condim=4, friction=friction_vector(1.0), solref=[0.004, 1.0],
         )  # fmt: skip
     spec.add_equality(
-        type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, name1=_FINGERS[1], name2=_FINGERS[0], data=[0.0, 1.0, *[0.0] * 9],
+        type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, name1=_FINGERS[1], name2=_FINGERS[0], data=[0.0, 1.0, *[0.0] * 10],
         solref=[0.004, 1.0],
     )  # fmt: skip
     # The gear shares the force of the drive between the pads.

@@ -201,7 +201,7 @@ def _add_bodies(spec: Any, chain: Chain) -> list[Any]:
             objtype=mujoco.mjtObj.mjOBJ_JOINT,
             name1=axis_name(axis),
             name2=axis_name(leader),
-            data=[0.0, ratio, *[0.0] * 9],
+            data=[0.0, ratio, *[0.0] * 10],
         )
     return bodies
 

@@ -1,0 +1,144 @@
+"""The pick-and-place tasks that come with the package: the KR210 at its shelf, and the same for other arms by other numbers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import pieper
+from pieper.errors import unknown_name
+from pieper.model.description import Cylinder
+from pieper.sim.gripper import ParallelGripper
+from pieper.sim.pick import PickTask
+from pieper.sim.scene import CLAY, Scene, SceneCamera, SceneObject, at, open_box, shelf, table
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    FloatArray = NDArray[np.float64]
+
+AHEAD = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+"""(4, 4): z of the hand along x of the thing, y along y: a grasp from the front."""
+
+DOWN = np.diag([-1.0, 1.0, -1.0, 1.0])
+"""(4, 4): z of the hand down: a grasp from above."""
+
+COLORS = (CLAY, "#2f7fd1", "#3aa655", "#c9a227", "#8a63c7", "#d9773b", "#4fb3bf", "#b5485d", "#6b8e23")
+
+
+def names() -> tuple[str, ...]:
+    """Names of the arms that have a task."""
+    return tuple(_TASKS)
+
+
+def task(name: str = "kr210") -> PickTask:
+    """The task of an arm.
+
+    Parameters
+    ----------
+    name : str
+        One of `names`.
+
+    Raises
+    ------
+    UnknownNameError
+        There is none for that arm.
+
+    Examples
+    --------
+    >>> kr210 = task("kr210")
+    >>> len(kr210.targets), kr210.grasp_at(at(2.6, 0.9, 0.811))[:3, 3].round(3)
+    (9, array([2.4  , 0.9  , 0.811]))
+    """
+    key = name.lower()
+    if key not in _TASKS:
+        raise unknown_name("pick task", name, _TASKS)
+    return _TASKS[key]()
+
+
+def _kr210() -> PickTask:
+    """Nine slots and a bin as in the teaching scene: a can's place there is 0.1 m above where it is gripped."""
+    arm = pieper.load("kr210")
+    radius, length = 0.035, 0.26
+    hand = ParallelGripper(
+        stroke=0.14, force=150.0, reach=0.2, T_tip_mount=AHEAD, pad=np.array([0.014, 0.05, 0.07]), speed=0.2, mass=8.0
+    )  # fmt: skip
+    slots = [(2.6, y, z - 0.1) for z in (0.911, 1.681, 2.445) for y in (0.9, 0.0, -0.9)]
+    boards = sorted({z - 0.5 * length for _, _, z in slots})
+    things = (
+        *shelf("shelf", x=(2.48, 2.92), edges=(-1.35, -0.45, 0.45, 1.35), boards=boards, top=2.95),
+        *open_box("bin", center=(0.05, 2.5), size=(1.0, 0.9, 0.75)),
+        *_cans(slots, radius, length, 0.6),
+    )
+    cameras = (SceneCamera.looking("corner", [-3.6, -3.9, 3.3], [1.1, 0.75, 1.15]),)
+    drop = at(-0.1, 2.5, 1.6)
+    return PickTask(
+        "kr210", arm, hand, Scene(things, cameras), _names(slots), AHEAD, drop, np.array([[-0.45, 2.05, 0.0], [0.55, 2.95, 0.75]]),
+        np.array([0.0, 0.0, 0.0, 0.0, -0.6, 0.0]), approach=0.2, clearance=0.5, lift=0.03,
+    )  # fmt: skip
+
+
+def _small_shelf(name: str, arm_name: str, T_tip_mount: FloatArray, q_home: FloatArray, *, floor: float) -> PickTask:
+    arm = pieper.load(arm_name)
+    radius, length = 0.025, 0.12
+    hand = ParallelGripper(stroke=0.09, force=50.0, reach=0.16, T_tip_mount=T_tip_mount, mass=1.2)
+    slots = [(0.95, y, z) for z in (0.3, 0.6, 0.9) for y in (0.3, 0.0, -0.3)]
+    boards = sorted({z - 0.5 * length - floor for _, _, z in slots})
+    upright = [(o.name, o) for o in shelf("shelf", x=(0.90, 1.12), edges=(-0.45, -0.15, 0.15, 0.45), boards=boards, top=1.1 - floor, thickness=0.02)]
+    lowered = tuple(SceneObject(n, o.solid, at(0.0, 0.0, floor) @ o.T_world_object, color=o.color) for n, o in upright)
+    things = (*lowered, *open_box("bin", center=(0.0, 0.8), size=(0.5, 0.45, 0.35), floor=floor), *_cans(slots, radius, length, 0.25))
+    if floor < 0.0:
+        things = (*things, *table("stand", center=(0.0, 0.0), size=(0.36, 0.36), height=-0.005, floor=floor))
+    drop = at(0.0, 0.8, 0.45 + max(floor, -0.3)) @ DOWN @ np.linalg.inv(hand.T_tip_mount)
+    cameras = (SceneCamera.looking("corner", [-1.6, -1.9, 1.5], [0.4, 0.25, 0.4]),)
+    return PickTask(
+        name, arm, hand, Scene(things, cameras, floor=floor), _names(slots), AHEAD, drop,
+        np.array([[-0.25, 0.575, floor], [0.25, 1.025, floor + 0.35]]), q_home, approach=0.14, clearance=0.2, lift=0.02,
+    )  # fmt: skip
+
+
+def _ur10e() -> PickTask:
+    return _small_shelf("ur10e", "ur10e", np.eye(4), np.array([-0.2, -2.0, 2.2, -0.2, 1.4, 0.0]), floor=-0.4)
+
+
+def _mh12() -> PickTask:
+    return _small_shelf("mh12", "mh12", np.eye(4), np.array([0.0, 0.0, 0.0, 0.0, -0.2, 0.0]), floor=0.0)
+
+
+def _youbot() -> PickTask:
+    """Nine cans on a low table, from above."""
+    arm = pieper.load("youbot")
+    radius, length, height = 0.015, 0.06, 0.05
+    hand = ParallelGripper(
+        stroke=0.055, force=15.0, reach=0.09, mass=0.2, pad=np.array([0.006, 0.016, 0.03]), speed=0.1
+    )  # fmt: skip
+    slots = [(x, y, height + 0.5 * length) for x in (0.34, 0.41, 0.48) for y in (0.08, 0.0, -0.08)]
+    things = (
+        *table("table", center=(0.42, 0.0), size=(0.24, 0.4), height=height),
+        *open_box("bin", center=(0.15, 0.33), size=(0.2, 0.2, 0.1), wall=0.006),
+        *_cans(slots, radius, length, 0.08),
+    )
+    cameras = (SceneCamera.looking("corner", [-0.45, -0.75, 0.65], [0.25, 0.08, 0.12]),)
+    drop = at(0.15, 0.33, 0.26) @ DOWN
+    return PickTask(
+        "youbot", arm, hand, Scene(things, cameras), _names(slots), at(0.0, 0.0, 0.012) @ DOWN, drop,
+        np.array([[0.05, 0.23, 0.0], [0.25, 0.43, 0.1]]), np.array([2.95, 1.35, -2.6, 1.8, 2.9]), approach=0.06, clearance=0.05, lift=0.01,
+        spin_free=True, position_noise=0.005,
+    )  # fmt: skip
+
+
+_TASKS: dict[str, Callable[[], PickTask]] = {"kr210": _kr210, "ur10e": _ur10e, "mh12": _mh12, "youbot": _youbot}
+
+
+def _names(slots: list[tuple[float, float, float]]) -> tuple[str, ...]:
+    return tuple(f"can {k + 1}" for k in range(len(slots)))
+
+
+def _cans(slots: list[tuple[float, float, float]], radius: float, length: float, mass: float) -> tuple[SceneObject, ...]:
+    return tuple(
+        SceneObject(name, Cylinder(radius, length), at(*slot), mass=mass, color=COLORS[k % len(COLORS)], friction=0.9)
+        for k, (name, slot) in enumerate(zip(_names(slots), slots, strict=True))
+    )
