@@ -6,6 +6,7 @@ back as a `Trajectory` from rest to rest, or as a `MotionError` that says why th
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -19,7 +20,7 @@ from pieper.motion.trajectory import Trajectory
 from pieper.spatial import rotation
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from pieper.arm import Arm
 
@@ -27,6 +28,9 @@ FloatArray = NDArray[np.float64]
 
 STEP = 0.01
 """Distance of the poses on a line that are solved [m]; turning counts with a radius of 0.2 m."""
+
+LOOK = 0.03
+"""How far joints move between looks for what is in the way [rad or m]."""
 
 LARGEST_JUMP = 0.35
 """Of a joint between neighbouring poses of a line; more is another branch [rad or m]."""
@@ -54,7 +58,9 @@ class Mover(Protocol):
 
 
 class DirectMover:
-    """Straight moves in joint space, and straight lines of the tip; it sees no obstacles.
+    """Straight moves in joint space, if need be by way of a safe posture, and straight lines of the tip.
+
+    It looks where it goes and takes another answer or another way when something is in the way, but it searches no further.
 
     Parameters
     ----------
@@ -62,6 +68,10 @@ class DirectMover:
     axis_tip : (3,) array, optional
         For arms that cannot take every orientation, and for things that look the same from all around: only this axis of the tip gets the
         direction that the pose gives it, and the turn about it is free.
+    blocked : callable, optional
+        Given joint values (n,), what the arm would touch there, in words; empty when nothing.
+    postures : sequence of (n,) arrays
+        Where to go by way of when the straight way is blocked [rad or m].
     speed : float
         Fraction of the velocity limits that is used; accelerations go along [-].
 
@@ -78,8 +88,12 @@ class DirectMover:
     True
     """
 
-    def __init__(self, arm: Arm, *, axis_tip: FloatArray | None = None, speed: float = 1.0) -> None:
+    def __init__(
+        self, arm: Arm, *, axis_tip: FloatArray | None = None, blocked: Callable[[FloatArray], str] | None = None,
+        postures: Sequence[FloatArray] = (), speed: float = 1.0,
+    ) -> None:  # fmt: skip
         self.arm = arm
+        self.blocked, self.postures = blocked, tuple(postures)
         self.axis_tip = axis_tip
         limits = JointLimits.of(arm.chain)
         self.velocity, self.acceleration = speed * limits.velocity, speed * limits.acceleration
@@ -101,11 +115,36 @@ class DirectMover:
         return np.asarray(q[np.argsort(np.abs(q - q_near).max(axis=1), kind="stable")])
 
     def plan(self, q_start: FloatArray, T_goal: FloatArray, usable: Callable[[FloatArray], bool] | None = None) -> Trajectory:
-        """The quickest joint move to the nearest joint values that are usable; see `Mover.plan`."""
-        for q in self.answers(T_goal, q_start):
-            if usable is None or usable(q):
-                return joint_move(self.arm.chain, q_start, q, max_velocity=self.velocity, max_acceleration=self.acceleration)
-        raise MotionError("the pose is in reach, but the motion cannot go on from any of the joint values that reach it")
+        """A joint move to the nearest joint values that are usable and to which a way is free; see `Mover.plan`."""
+        answers = list(self.answers(T_goal, q_start))
+        judged: dict[int, bool] = {}
+        reason = ""
+        for by_way_of in (None, *self.postures):
+            for number, q in enumerate(answers):
+                if number not in judged:
+                    judged[number] = usable is None or usable(q)
+                if not judged[number]:
+                    continue
+                corners = [q_start, q] if by_way_of is None else [q_start, by_way_of, q]
+                found = next(filter(None, (self._hindrance(a, b) for a, b in pairwise(corners))), "")
+                if not found:
+                    return self._through(corners)
+                reason = reason or found
+        if not reason:
+            raise MotionError("the pose is in reach, but the motion cannot go on from any of the joint values that reach it")
+        raise MotionError(f"no free way to {len(answers)} answers, straight or by way of {len(self.postures)} postures: {reason}")
+
+    def _hindrance(self, q_start: FloatArray, q_goal: FloatArray) -> str:
+        if self.blocked is None:
+            return ""
+        count = int(np.ceil(np.abs(q_goal - q_start).max() / LOOK)) + 1
+        return next(filter(None, (self.blocked(q_start + u * (q_goal - q_start)) for u in np.linspace(0.0, 1.0, count + 1)[1:])), "")
+
+    def _through(self, corners: list[FloatArray]) -> Trajectory:
+        moves = [
+            joint_move(self.arm.chain, a, b, max_velocity=self.velocity, max_acceleration=self.acceleration) for a, b in pairwise(corners)
+        ]
+        return one_after_another([move for move in moves if move.duration > 0.0] or moves[:1])
 
     def line(self, q_start: FloatArray, T_goal: FloatArray) -> Trajectory:
         """A straight line of the tip, its orientation turning evenly; see `Mover.line`."""
@@ -153,3 +192,16 @@ def timed(way: FloatArray, max_velocity: FloatArray, max_acceleration: FloatArra
     )  # between the samples it is a little more
     dq[0], dq[-1], ddq[0], ddq[-1] = 0.0, 0.0, 0.0, 0.0
     return Trajectory(u * duration, q, dq / duration, ddq / duration**2, joint_names)
+
+
+def one_after_another(moves: list[Trajectory]) -> Trajectory:
+    """Motions from rest to rest as one; each begins where the one before ends, and all give velocities and accelerations."""
+    t, rows = [moves[0].t], [slice(None)]
+    for before, move in pairwise(moves):
+        t.append(t[-1][-1] + move.t[1:] - move.t[0])
+        rows.append(slice(1, None))
+        assert np.allclose(before.q[-1], move.q[0])
+    columns = [
+        np.concatenate([np.asarray(getattr(move, name))[row] for move, row in zip(moves, rows, strict=True)]) for name in ("q", "dq", "ddq")
+    ]
+    return Trajectory(np.concatenate(t), *columns, moves[0].joint_names)

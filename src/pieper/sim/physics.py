@@ -7,6 +7,7 @@ nothing runs by itself: the same calls give the same bits on the same machine.
 
 from __future__ import annotations
 
+import copy
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,6 +38,9 @@ TIMESTEP = 0.002
 
 LONGEST_STEP = 3600.0
 """The longest time of one call of `MujocoSimulator.step` [s]."""
+
+MARGIN = 0.01
+"""Solids nearer than this are in each other's way, for `MujocoSimulator.blocked` [m]."""
 
 _AT_REST = 1e-3  # [rad/s or m/s] of the axes
 
@@ -137,6 +141,12 @@ class MujocoSimulator(Simulator):
         self._next = 0
         self._goal: FloatArray | None = None
         self._reference = (start, np.zeros(self.chain.dof), np.zeros(self.chain.dof))
+        names = [self.model.body(body).name for body in range(self.model.nbody)]
+        self._is_arm = np.array([name.startswith(("arm/", "palm")) for name in names])
+        self._is_finger = np.array([name.startswith("finger/") for name in names])
+        wider = copy.deepcopy(self.model)
+        wider.geom_margin[:] = np.maximum(wider.geom_margin, 0.5 * MARGIN)
+        self._lookout = (wider, mujoco.MjData(wider))
         self._full = np.zeros(self.model.nv)
         self._force = np.zeros(self.model.nv)
         self.data.qpos[self._q] = self.chain.coupling @ start
@@ -263,10 +273,14 @@ class MujocoSimulator(Simulator):
         UnknownNameError
             No thing of that name.
         """
-        body = self.data.body(self._thing(name))
-        T = np.eye(4)
-        T[:3, :3] = np.asarray(body.xmat).reshape(3, 3)
-        T[:3, 3] = body.xpos
+        thing = self._thing(name)
+        entry = self.scene.object(name)
+        if not entry.moves:
+            return np.array(entry.T_world_object)
+        where = np.asarray(self.data.joint(thing).qpos)  # MuJoCo's poses of bodies are those before the last time step
+        R, T = np.zeros(9), np.eye(4)
+        self._mujoco.mju_quat2Mat(R, where[3:] / np.linalg.norm(where[3:]))
+        T[:3, :3], T[:3, 3] = R.reshape(3, 3), where[:3]
         return T
 
     def put(self, name: str, T_world_object: ArrayLike) -> None:
@@ -303,12 +317,47 @@ class MujocoSimulator(Simulator):
 
     def collisions(self) -> frozenset[tuple[str, str]]:
         """Pairs of names of what the arm itself, without its fingers, touches now."""
+        pairs = self.model.geom_bodyid[self.data.contact.geom]
+        return frozenset(self._names(pairs[self._is_arm[pairs].any(axis=1)]))
+
+    def blocked(self, q: ArrayLike, *, held: str | None = None, T_tip_held: FloatArray | None = None) -> str:
+        """What the arm would touch at other joint values, in words; empty when nothing. Things stay where they are now.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Joint values [rad or m].
+        held : str, optional
+            A thing that goes along in the hand, at `T_tip_held` (4, 4) in the frame of the tip; it must touch nothing but the hand.
+
+        Notes
+        -----
+        Solids nearer than `MARGIN` count as touching.
+        """
+        model, data = self._lookout
+        data.qpos[:] = self.data.qpos
+        data.qpos[self._q] = self.chain.coupling @ np.asarray(q, dtype=np.float64)
+        hand = self._is_arm | self._is_finger
+        carried = np.zeros(model.nbody, dtype=np.bool_)
+        if held is not None and T_tip_held is not None:
+            T = self.arm.fk(q) @ T_tip_held
+            data.joint(self._thing(held)).qpos = np.concatenate([T[:3, 3], quaternion(T[:3, :3])])
+            carried[int(model.body(self._thing(held)).id)] = True
+        self._mujoco.mj_kinematics(model, data)
+        self._mujoco.mj_comPos(model, data)
+        self._mujoco.mj_collision(model, data)
+        pairs = model.geom_bodyid[data.contact.geom]
+        ours, load = hand[pairs], carried[pairs]
+        wrong = (ours | load).any(axis=1) & ~(ours.any(axis=1) & load.any(axis=1)) & ~(self._is_finger[pairs].all(axis=1))
+        touching = sorted(self._names(pairs[wrong]))
+        return f"{touching[0][0]} would touch {touching[0][1]}" if touching else ""
+
+    def _names(self, pairs: NDArray[np.intp]) -> set[tuple[str, str]]:
         found = set()
-        for a, b in self.data.contact.geom:
-            names = sorted(self.model.body(int(self.model.geom_bodyid[g])).name for g in (a, b))
-            if any(name.startswith(("arm/", "palm")) for name in names):
-                found.add((names[0], names[1]))
-        return frozenset(found)
+        for a, b in pairs:
+            one, other = sorted(self.model.body(int(body)).name.removeprefix("thing/") for body in (a, b))
+            found.add((one, other))
+        return found
 
     # --- beneath
 

@@ -119,6 +119,8 @@ class PickTask:
         Greatest shift along x and along y [m], and turn [rad], of the things in their slots.
     attempts : int
         Grasps of a thing before it is left.
+    postures : tuple of (n,) arrays
+        Safe ones to go by way of, besides `q_home`.
     speed : float
         Fraction of the arm's velocity limits.
 
@@ -144,6 +146,7 @@ class PickTask:
     position_noise: float = 0.005
     yaw_noise: float = float(np.radians(5.0))
     attempts: int = 3
+    postures: tuple[FloatArray, ...] = ()
     speed: float = 1.0
 
     def __post_init__(self) -> None:
@@ -222,8 +225,10 @@ class PickAndPlace:
     ) -> None:
         self.task, self.seed = task, seed
         axis = task.gripper.T_tip_grasp[:3, 2] if task.spin_free else None
-        self.mover: Mover = DirectMover(task.arm, axis_tip=axis, speed=task.speed) if mover is None else mover
         self.robot = MujocoSimulator(task.arm, q=task.q_home, scene=task.scene, gripper=task.gripper)
+        self.mover: Mover = mover or DirectMover(
+            task.arm, axis_tip=axis, speed=task.speed, blocked=self.blocked, postures=(task.q_home, *task.postures)
+        )
         assert self.robot.gripper is not None
         self.gripper = self.robot.gripper
         self.look = self.robot.pose if look is None else look
@@ -231,7 +236,12 @@ class PickAndPlace:
         self.stages: list[Stage] = []
         self._cycle, self._target = 0, ""
         self._held: _Held | None = None
-        self._slipped_twice = 0
+
+    def blocked(self, q: FloatArray) -> str:
+        """What the arm, with what it holds, would touch at joint values (n,), in words; empty when nothing."""
+        if self._held is None:
+            return self.robot.blocked(q)
+        return self.robot.blocked(q, held=self._held.name, T_tip_held=self._held.T_tip_object)
 
     # --- cycles
 
@@ -313,23 +323,23 @@ class PickAndPlace:
 
     def _ways(self, T_via: FloatArray, T_pre: FloatArray, T_grasp: FloatArray) -> list[Trajectory]:
         """From here before the slot, to the pre-grasp, and along a line to the grasp, all on one branch."""
-        found: list[Trajectory] = []
+        onwards: dict[bytes, list[Trajectory]] = {}
+        reasons: list[str] = []
 
         def goes_on(q_via: FloatArray) -> bool:
             try:
                 ahead = self.mover.plan(q_via, T_pre)
-                found[:] = [ahead, self.mover.line(ahead.q[-1], T_grasp)]
+                onwards[np.asarray(q_via).tobytes()] = [ahead, self.mover.line(ahead.q[-1], T_grasp)]
             except PieperError as cause:
-                self._reason = str(cause)
+                reasons.append(str(cause))
                 return False
             return True
 
-        self._reason = ""
         try:
             first = self.mover.plan(self.robot.reference.q, T_via, goes_on)
         except PieperError as cause:
-            raise _FailedError(self._reason or str(cause)) from cause
-        return [first, *found]
+            raise _FailedError(reasons[0] if reasons else str(cause)) from cause
+        return [first, *onwards[first.q[-1].tobytes()]]
 
     def _place(self) -> None:
         task, robot = self.task, self.robot

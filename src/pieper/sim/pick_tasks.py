@@ -10,6 +10,7 @@ import pieper
 from pieper.errors import unknown_name
 from pieper.model.description import Cylinder
 from pieper.sim.gripper import ParallelGripper
+from pieper.sim.mover import DirectMover
 from pieper.sim.pick import PickTask
 from pieper.sim.scene import CLAY, Scene, SceneCamera, SceneObject, at, open_box, shelf, table
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
+
+    from pieper.arm import Arm
 
     FloatArray = NDArray[np.float64]
 
@@ -81,53 +84,63 @@ def _kr210() -> PickTask:
     )  # fmt: skip
 
 
-def _small_shelf(name: str, arm_name: str, T_tip_mount: FloatArray, q_home: FloatArray, *, floor: float) -> PickTask:
+def _small_shelf(name: str, arm_name: str, T_tip_mount: FloatArray, q_near: FloatArray, *, x: float, floor: float) -> PickTask:
     arm = pieper.load(arm_name)
     radius, length = 0.025, 0.12
     hand = ParallelGripper(stroke=0.09, force=50.0, reach=0.16, T_tip_mount=T_tip_mount, mass=1.2)
-    slots = [(0.95, y, z) for z in (0.3, 0.6, 0.9) for y in (0.3, 0.0, -0.3)]
+    slots = [(x, y, z) for z in (0.3, 0.6, 0.9) for y in (0.3, 0.0, -0.3)]
     boards = sorted({z - 0.5 * length - floor for _, _, z in slots})
-    upright = [(o.name, o) for o in shelf("shelf", x=(0.90, 1.12), edges=(-0.45, -0.15, 0.15, 0.45), boards=boards, top=1.1 - floor, thickness=0.02)]
+    upright = [(o.name, o) for o in shelf("shelf", x=(x - 0.05, x + 0.17), edges=(-0.45, -0.15, 0.15, 0.45), boards=boards, top=1.1 - floor, thickness=0.02)]
     lowered = tuple(SceneObject(n, o.solid, at(0.0, 0.0, floor) @ o.T_world_object, color=o.color) for n, o in upright)
-    things = (*lowered, *open_box("bin", center=(0.0, 0.8), size=(0.5, 0.45, 0.35), floor=floor), *_cans(slots, radius, length, 0.25))
+    things = (*lowered, *open_box("bin", center=(0.0, 0.8), size=(0.5, 0.45, 0.3), floor=floor), *_cans(slots, radius, length, 0.25))
     if floor < 0.0:
         things = (*things, *table("stand", center=(0.0, 0.0), size=(0.36, 0.36), height=-0.005, floor=floor))
-    drop = at(0.0, 0.8, 0.45 + max(floor, -0.3)) @ DOWN @ np.linalg.inv(hand.T_tip_mount)
+    drop = at(0.0, 0.8, 0.6 + max(floor, -0.3)) @ DOWN @ np.linalg.inv(hand.T_tip_mount)
     cameras = (SceneCamera.looking("corner", [-1.6, -1.9, 1.5], [0.4, 0.25, 0.4]),)
+    home = _reaching(arm, at(x - 0.4, 0.0, 0.7) @ AHEAD @ np.linalg.inv(hand.T_tip_mount), q_near)
     return PickTask(
         name, arm, hand, Scene(things, cameras, floor=floor), _names(slots), AHEAD, drop,
-        np.array([[-0.25, 0.575, floor], [0.25, 1.025, floor + 0.35]]), q_home, approach=0.14, clearance=0.2, lift=0.02,
+        np.array([[-0.25, 0.575, floor], [0.25, 1.025, floor + 0.3]]), home, approach=0.14, clearance=0.2, lift=0.02,
     )  # fmt: skip
 
 
 def _ur10e() -> PickTask:
-    return _small_shelf("ur10e", "ur10e", np.eye(4), np.array([-0.2, -2.0, 2.2, -0.2, 1.4, 0.0]), floor=-0.4)
+    return _small_shelf("ur10e", "ur10e", np.eye(4), np.array([-0.2, -2.0, 2.2, -0.2, 1.4, 0.0]), x=0.95, floor=-0.4)
 
 
 def _mh12() -> PickTask:
-    return _small_shelf("mh12", "mh12", np.eye(4), np.array([0.0, 0.0, 0.0, 0.0, -0.2, 0.0]), floor=0.0)
+    return _small_shelf("mh12", "mh12", np.eye(4), np.zeros(6), x=1.1, floor=0.0)
 
 
 def _youbot() -> PickTask:
-    """Nine cans on a low table, from above."""
+    """Nine cans on a low table in front, taken from above: an arm of five joints, which reaches down only near itself."""
     arm = pieper.load("youbot")
-    radius, length, height = 0.015, 0.06, 0.05
-    hand = ParallelGripper(
-        stroke=0.055, force=15.0, reach=0.09, mass=0.2, pad=np.array([0.006, 0.016, 0.03]), speed=0.1
-    )  # fmt: skip
-    slots = [(x, y, height + 0.5 * length) for x in (0.34, 0.41, 0.48) for y in (0.08, 0.0, -0.08)]
+    radius, length, top, ground = 0.012, 0.04, -0.05, -0.30
+    axis_x = 0.024  # of the first joint
+    hand = ParallelGripper(stroke=0.045, force=15.0, reach=0.06, mass=0.2, pad=np.array([0.005, 0.014, 0.024]), speed=0.1)
+    near, far = [(0.21, a) for a in (40.0, 20.0, 0.0, -20.0, -40.0)], [(0.252, a) for a in (30.0, 10.0, -10.0, -30.0)]
+    slots = [
+        (axis_x + r * float(np.cos(np.radians(a))), r * float(np.sin(np.radians(a))), top + 0.5 * length) for r, a in (*near, *far)
+    ]
     things = (
-        *table("table", center=(0.42, 0.0), size=(0.24, 0.4), height=height),
-        *open_box("bin", center=(0.15, 0.33), size=(0.2, 0.2, 0.1), wall=0.006),
-        *_cans(slots, radius, length, 0.08),
+        *table("table", center=(0.27, 0.0), size=(0.28, 0.5), height=top, floor=ground, thickness=0.02),
+        *table("stand", center=(-0.03, 0.0), size=(0.2, 0.2), height=-0.002, floor=ground, thickness=0.02),
+        *open_box("bin", center=(axis_x, 0.25), size=(0.18, 0.18, 0.2), floor=ground, wall=0.006),
+        *_cans(slots, radius, length, 0.05),
     )
-    cameras = (SceneCamera.looking("corner", [-0.45, -0.75, 0.65], [0.25, 0.08, 0.12]),)
-    drop = at(0.15, 0.33, 0.26) @ DOWN
+    cameras = (SceneCamera.looking("corner", [-0.35, -0.75, 0.55], [0.14, 0.03, -0.02]),)
+    drop = at(axis_x, 0.25, 0.11) @ DOWN
+    home = _reaching(arm, at(axis_x + 0.23, 0.0, 0.13) @ DOWN, np.array([2.95, 1.35, -2.6, 1.8, 2.9]), spin_free=True)
     return PickTask(
-        "youbot", arm, hand, Scene(things, cameras), _names(slots), at(0.0, 0.0, 0.012) @ DOWN, drop,
-        np.array([[0.05, 0.23, 0.0], [0.25, 0.43, 0.1]]), np.array([2.95, 1.35, -2.6, 1.8, 2.9]), approach=0.06, clearance=0.05, lift=0.01,
-        spin_free=True, position_noise=0.005,
+        "youbot", arm, hand, Scene(things, cameras, floor=ground), _names(slots), at(0.0, 0.0, 0.004) @ DOWN, drop,
+        np.array([[axis_x - 0.09, 0.16, ground], [axis_x + 0.09, 0.34, ground + 0.2]]), home, approach=0.045, clearance=0.01, lift=0.01,
+        spin_free=True,
     )  # fmt: skip
+
+
+def _reaching(arm: Arm, T: FloatArray, q_near: FloatArray, *, spin_free: bool = False) -> FloatArray:
+    """(n,) joint values for a pose, near others."""
+    return np.asarray(DirectMover(arm, axis_tip=np.array([0.0, 0.0, 1.0]) if spin_free else None).answers(T, q_near)[0])
 
 
 _TASKS: dict[str, Callable[[], PickTask]] = {"kr210": _kr210, "ur10e": _ur10e, "mh12": _mh12, "youbot": _youbot}

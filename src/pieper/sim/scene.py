@@ -29,7 +29,7 @@ Solid: TypeAlias = Box | Cylinder | Capsule | Sphere
 WOOD, STEEL, PLASTIC, CLAY = "#c69c6d", "#8d99a6", "#3b6ea5", "#c8463c"
 
 _TORSION = 0.01  # [m] friction against spinning, as a length times the friction
-_ROLLING = 1e-4  # [m]
+_ROLLING = 2e-3  # [m]
 _STIFF = (0.004, 1.0)  # time constant [s] and damping ratio of contacts
 
 
@@ -284,7 +284,7 @@ def add_scene(spec: Any, scene: Scene) -> None:
             body.add_freejoint(name=f"thing/{thing.name}")
         kind, size = primitive(thing.solid)
         body.add_geom(
-            name=f"thing/{thing.name}", type=kind, size=size, rgba=[*rgb(thing.color), 1.0], contype=2, conaffinity=3, condim=4,
+            name=f"thing/{thing.name}", type=kind, size=size, rgba=[*rgb(thing.color), 1.0], contype=2, conaffinity=3, condim=6 if thing.moves else 4,
             mass=thing.mass or 0.0, friction=friction_vector(thing.friction), priority=1 if thing.moves else 0, solref=_STIFF,
         )  # fmt: skip
     for camera in scene.cameras:
