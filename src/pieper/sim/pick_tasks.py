@@ -65,18 +65,18 @@ def task(name: str = "kr210") -> PickTask:
 def _kr210() -> PickTask:
     """Nine slots and a bin as in the teaching scene: a can's place there is 0.1 m above where it is gripped."""
     arm = pieper.load("kr210")
-    radius, length = 0.035, 0.26
+    radius, length = 0.05, 0.3
     hand = ParallelGripper(
-        stroke=0.14, force=150.0, reach=0.2, T_tip_mount=AHEAD, pad=np.array([0.014, 0.05, 0.07]), speed=0.2, mass=8.0
+        stroke=0.16, force=150.0, reach=0.2, T_tip_mount=AHEAD, pad=np.array([0.014, 0.05, 0.07]), speed=0.2, mass=8.0
     )  # fmt: skip
     slots = [(2.6, y, z - 0.1) for z in (0.911, 1.681, 2.445) for y in (0.9, 0.0, -0.9)]
     boards = sorted({z - 0.5 * length for _, _, z in slots})
     things = (
-        *shelf("shelf", x=(2.48, 2.92), edges=(-1.35, -0.45, 0.45, 1.35), boards=boards, top=2.95),
+        *shelf("shelf", x=(2.48, 2.95), edges=(-1.35, -0.45, 0.45, 1.35), boards=boards, top=2.95),
         *open_box("bin", center=(0.05, 2.5), size=(1.0, 0.9, 0.75)),
-        *_cans(slots, radius, length, 0.6),
+        *_cans(slots, radius, length, 1.0),
     )
-    cameras = (SceneCamera.looking("corner", [-3.6, -3.9, 3.3], [1.1, 0.75, 1.15]),)
+    cameras = (SceneCamera.looking("corner", [-3.0, -3.5, 3.0], [1.15, 0.7, 1.2]),)
     drop = at(-0.1, 2.5, 1.6)
     return PickTask(
         "kr210", arm, hand, Scene(things, cameras), _names(slots), AHEAD, drop, np.array([[-0.45, 2.05, 0.0], [0.55, 2.95, 0.75]]),
