@@ -332,7 +332,8 @@ class MujocoSimulator(Simulator):
 
         Notes
         -----
-        Solids nearer than `MARGIN` count as touching.
+        Solids nearer than `MARGIN` count as touching. MuJoCo does not see a capsule whose middle has gone right through a thin board:
+        look along the way, in steps that are small beside the boards.
         """
         model, data = self._lookout
         data.qpos[:] = self.data.qpos
