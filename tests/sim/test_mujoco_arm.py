@@ -100,7 +100,7 @@ def test_described_masses_give_the_mass_matrix_of_pinocchio():
     import pinocchio as pin
 
     arm = pieper.load(HEAVY)
-    model, data, drives = compiled(arm)
+    model, data, _drives = compiled(arm)
     truth = pin.buildModelFromXML(HEAVY)
     rng = np.random.default_rng(3)
     full = np.zeros((3, 3))
@@ -136,7 +136,13 @@ def test_axis_ranges_follow_the_coupling():
 
 @pytest.mark.parametrize(
     ("mass", "moments", "possible"),
-    [(1.0, [1, 1, 1], True), (1.0, [1, 1, 2.5], False), (0.0, [1, 1, 1], False), (1.0, [0, 1, 1], False), (-1.0, [1, 1, 1], False)],
+    [
+        (1.0, [1, 1, 1], True),
+        (1.0, [1, 1, 2.5], False),
+        (0.0, [1, 1, 1], False),
+        (1.0, [0, 1, 1], False),
+        (-1.0, [1, 1, 1], False),
+    ],
 )
 def test_impossible_inertia_is_seen(mass, moments, possible):
     assert is_possible(Inertial(mass, np.eye(4), np.diag(np.array(moments, dtype=float)))) is possible

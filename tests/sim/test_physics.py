@@ -177,7 +177,11 @@ def test_joints_that_a_mimic_moves_follow_their_leader():
         (lambda r: r.command([9.0, 0, 0, 0, 0, 0]), MotionError, "outside its limits"),
         (lambda r: r.command({"elbw": 1.0}), UnknownNameError, "elbow_joint"),
         (lambda r: r.command_velocity([9.0, 0, 0, 0, 0, 0]), MotionError, "faster than its limit"),
-        (lambda r: r.follow(Trajectory([0.0, 1.0], [[1.0] * 6, [0.0] * 6])), MotionError, "must begin where the arm is"),
+        (
+            lambda r: r.follow(Trajectory([0.0, 1.0], [[1.0] * 6, [0.0] * 6])),
+            MotionError,
+            "must begin where the arm is",
+        ),
         (lambda r: r.step(-0.1), ArrayError, "dt must be from 0 to 3600 s"),
         (lambda r: r.step(float("nan")), ArrayError, "dt must be from 0 to 3600 s"),
         (lambda r: r.step("soon"), ArrayError, "number of seconds"),
@@ -188,7 +192,10 @@ def test_joints_that_a_mimic_moves_follow_their_leader():
     ],
 )
 def test_what_is_refused_changes_nothing(call, error, words):
-    things = (SceneObject("block", Box([0.1, 0.1, 0.1]), at(0.7, 0, 0.05), mass=1.0), SceneObject("plate", Box([0.1, 0.1, 0.01]), at(0, 1, 0.01)))
+    things = (
+        SceneObject("block", Box([0.1, 0.1, 0.1]), at(0.7, 0, 0.05), mass=1.0),
+        SceneObject("plate", Box([0.1, 0.1, 0.01]), at(0, 1, 0.01)),
+    )
     robot = MujocoSimulator(pieper.load("ur5e"), q=[0.0, -1.5, 1.5, 0.0, 0.0, 0.0], scene=Scene(things))
     before = robot.data.qpos.copy()
     with pytest.raises(error, match=words):
@@ -218,7 +225,9 @@ def test_a_dropped_thing_falls_as_it_must_and_lands():
     height, half = 0.5, 0.06
     robot = world(SceneObject("can", Cylinder(0.03, 2 * half), at(0.6, 0.4, height), mass=0.3))
     robot.step(0.2)
-    assert abs(height - robot.pose("can")[2, 3] - 0.5 * GRAVITY * 0.2**2) < 0.5 * GRAVITY * 0.2 * robot.timestep * 1.1  # Euler's rule
+    assert (
+        abs(height - robot.pose("can")[2, 3] - 0.5 * GRAVITY * 0.2**2) < 0.5 * GRAVITY * 0.2 * robot.timestep * 1.1
+    )  # Euler's rule
     robot.step(3.0)
     assert abs(robot.pose("can")[2, 3] - half) < 2e-3
     assert robot.speed("can") < 1e-2
@@ -274,7 +283,7 @@ def test_a_grasp_holds_while_the_arm_moves_at_full_speed():
     T_tip_block = np.linalg.inv(robot.tip()) @ robot.pose("block")
     q = robot.reference.q.copy()
     for turn in (1.2, -1.2, 0.0):
-        goal = q + [turn, -0.4, 0.2, 0.0, 0.0, 2.0 * turn]
+        goal = q + np.array([turn, -0.4, 0.2, 0.0, 0.0, 2.0 * turn])
         robot.command(goal)
         while robot.is_moving:
             robot.step(robot.timestep)
@@ -285,7 +294,7 @@ def test_a_grasp_holds_while_the_arm_moves_at_full_speed():
 
 def test_without_friction_the_thing_stays_behind_and_the_gripper_knows():
     robot = gripped(friction=0.0)
-    robot.command(robot.reference.q + [0.0, -0.5, 0.0, 0.0, 0.0, 0.0])
+    robot.command(robot.reference.q + np.array([0.0, -0.5, 0.0, 0.0, 0.0, 0.0]))
     while robot.is_moving:
         robot.step(robot.timestep)
     robot.step(1.0)
@@ -358,7 +367,9 @@ def test_a_camera_sees_the_colour_and_the_distance_of_a_thing(can_draw):
     robot = MujocoSimulator(
         pieper.load("ur5e"),
         q=[np.pi, -1.5, 1.5, 0.0, 0.0, 0.0],
-        scene=Scene((SceneObject("block", Box([0.2, 0.2, 0.2]), at(0.6, 0.4, 0.1), mass=1.0, color="#ff0000"),), (eye,)),
+        scene=Scene(
+            (SceneObject("block", Box([0.2, 0.2, 0.2]), at(0.6, 0.4, 0.1), mass=1.0, color="#ff0000"),), (eye,)
+        ),
     )
     with SceneView(robot, size=(160, 120)) as view:
         image, depth = view.image(), view.depth()

@@ -49,7 +49,9 @@ def test_C9_slots_and_drop_are_those_of_the_scene(kr210):
     np.testing.assert_allclose([kr210.back(T, kr210.approach)[:3, 3] for T in slots], before, atol=PRINTED)
     drop = next(row for row in wanted if row["kind"] == "drop")
     np.testing.assert_allclose(kr210.T_world_drop[:3, 3], drop["gripper_position"], atol=PRINTED)
-    np.testing.assert_allclose([T[:3, :3] for T in [*slots, kr210.T_world_drop]], np.broadcast_to(np.eye(3), (10, 3, 3)), atol=PRINTED)
+    np.testing.assert_allclose(
+        [T[:3, :3] for T in [*slots, kr210.T_world_drop]], np.broadcast_to(np.eye(3), (10, 3, 3)), atol=PRINTED
+    )
 
 
 def test_C10_stages_of_a_cycle_are_logged_and_wait_for_states(kr210):
@@ -234,7 +236,7 @@ def test_tasks_that_are_none_are_refused(kr210, change, words):
 def test_names_that_are_not_there(kr210):
     with pytest.raises(UnknownNameError, match="no object 'cup'"):
         replace(kr210, targets=("cup",))
-    with pytest.raises(UnknownNameError, match="no pick task 'kr2100'.*did you mean 'kr210'"):
+    with pytest.raises(UnknownNameError, match=r"no pick task 'kr2100'.*did you mean 'kr210'"):
         pick_tasks.task("kr2100")
 
 
@@ -268,7 +270,7 @@ def test_a_line_is_straight_turns_evenly_and_keeps_the_limits(kr210):
 def test_a_line_that_would_need_another_branch_says_where(kr210):
     mover = DirectMover(kr210.arm)
     q = mover.answers(kr210.grasp_at(at(2.2, 0.0, 1.6)), kr210.q_home)[0]
-    with pytest.raises(MotionError, match="no joint values|the straight line breaks after"):
+    with pytest.raises(MotionError, match=r"no joint values|the straight line breaks after"):
         mover.line(q, kr210.grasp_at(at(-2.2, 0.0, 1.6)))
 
 

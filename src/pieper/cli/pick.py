@@ -19,12 +19,19 @@ _FILM_SIZE = "640x480"
 
 def pick(
     arm: Annotated[str, typer.Option("--arm", metavar="ARM", help="kr210, ur10e, mh12 or youbot.")] = "kr210",
-    cycles: Annotated[int, typer.Option("--cycles", metavar="N", help="How many things to pick, one after another.")] = 9,
+    cycles: Annotated[
+        int, typer.Option("--cycles", metavar="N", help="How many things to pick, one after another.")
+    ] = 9,
     seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the places of the things in their slots.")] = 0,
-    record: Annotated[Path | None, typer.Option("--record", metavar="FILE", help="Film it: an .mp4 or .gif file.")] = None,
+    record: Annotated[
+        Path | None, typer.Option("--record", metavar="FILE", help="Film it: an .mp4 or .gif file.")
+    ] = None,
     view: Annotated[bool, typer.Option("--view", help="Show it in MuJoCo's window, in real time.")] = False,
     log: Annotated[
-        Path | None, typer.Option("--log", metavar="FILE", help="Keep every cycle as a line of JSON, and go on where the file ends.")
+        Path | None,
+        typer.Option(
+            "--log", metavar="FILE", help="Keep every cycle as a line of JSON, and go on where the file ends."
+        ),
     ] = None,
     size: Annotated[str, typer.Option("--size", metavar="WxH", help="Pixels of the film.")] = _FILM_SIZE,
     fps: Annotated[float, typer.Option("--fps", metavar="N", help="Frames per second of the film.")] = 25.0,
@@ -50,7 +57,9 @@ def pick(
     done: list[Cycle] = [] if kept is None else kept.done[:cycles]
     out = console()
     if done:
-        out.print(f"{len(done)} cycles are in {log} already, {sum(c.placed for c in done)} of them placed", markup=False)
+        out.print(
+            f"{len(done)} cycles are in {log} already, {sum(c.placed for c in done)} of them placed", markup=False
+        )
     if len(done) >= cycles:
         return _count(done)
     filmed: list[Recording] = []
@@ -59,7 +68,9 @@ def pick(
         if filmed:
             filmed[0].caption = f"{wanted.name}  cycle {stage.cycle} of {cycles}: {_next_stage(stage)}"
         if not quiet:
-            out.print(str(stage), style=None if stage.succeeded else "red", markup=False, highlight=False, soft_wrap=True)
+            out.print(
+                str(stage), style=None if stage.succeeded else "red", markup=False, highlight=False, soft_wrap=True
+            )
 
     run = PickAndPlace(wanted, seed=seed, log=told)
     if record is not None:

@@ -124,7 +124,9 @@ def add_gripper(spec: Any, body: Any, gripper: ParallelGripper, T_body_tip: Floa
     plate = 0.35 * behind
     box = mujoco.mjtGeom.mjGEOM_BOX
 
-    def put(where: Any, name: str, center: list[float], size: list[float], mass: float, color: list[float], **more: Any) -> None:
+    def put(
+        where: Any, name: str, center: list[float], size: list[float], mass: float, color: list[float], **more: Any
+    ) -> None:
         where.add_geom(
             name=name, type=box, pos=center, size=[0.5 * s for s in size], mass=mass, rgba=color, group=0, contype=1, conaffinity=3, **more
         )  # fmt: skip
@@ -136,7 +138,9 @@ def add_gripper(spec: Any, body: Any, gripper: ParallelGripper, T_body_tip: Floa
             mass=0.2 * gripper.mass, rgba=[0.6, 0.63, 0.67, 1.0], contype=1, conaffinity=3, group=0,
         )  # fmt: skip
     across = gripper.stroke + 4.0 * thick
-    put(hand, "palm/plate", [0.0, 0.0, neck + 0.3 * plate], [1.4 * wide, across, 0.6 * plate], 0.4 * gripper.mass, paint)
+    put(
+        hand, "palm/plate", [0.0, 0.0, neck + 0.3 * plate], [1.4 * wide, across, 0.6 * plate], 0.4 * gripper.mass, paint
+    )
     for name, side in zip(_FINGERS, (1.0, -1.0), strict=True):
         finger = hand.add_body(name=name, gravcomp=1.0)
         finger.add_joint(
@@ -231,7 +235,9 @@ class GripperDrive:
             if self._resting >= _SETTLING and self.width > 0.97 * self.gripper.stroke:
                 self.state = GripperState.OPEN
         elif self.state is GripperState.CLOSING:
-            if self._resting >= _SETTLING and 2.0 * self._opening < self.width - _SAG:  # the drive presses, or has arrived
+            if (
+                self._resting >= _SETTLING and 2.0 * self._opening < self.width - _SAG
+            ):  # the drive presses, or has arrived
                 self._settle()
             elif self._resting >= _SETTLING and self._opening == 0.0:
                 self._settle()

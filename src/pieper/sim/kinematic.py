@@ -241,7 +241,9 @@ class KinematicSimulator(Simulator):
         self._start(Trajectory(np.zeros(1), q[None], joint_names=self.joint_names))
 
 
-def joint_vector(chain: Chain, values: ArrayLike | Mapping[str, float], otherwise: FloatArray, *, name: str = "q") -> ArrayLike:
+def joint_vector(
+    chain: Chain, values: ArrayLike | Mapping[str, float], otherwise: FloatArray, *, name: str = "q"
+) -> ArrayLike:
     """The values in the order of the joints; those that a mapping leaves out are taken from `otherwise`, (n,).
 
     Raises

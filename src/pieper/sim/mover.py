@@ -42,7 +42,9 @@ _FEWEST = 8
 class Mover(Protocol):
     """What a task needs from a planner."""
 
-    def plan(self, q_start: FloatArray, T_goal: FloatArray, usable: Callable[[FloatArray], bool] | None = None) -> Trajectory:
+    def plan(
+        self, q_start: FloatArray, T_goal: FloatArray, usable: Callable[[FloatArray], bool] | None = None
+    ) -> Trajectory:
         """A motion from rest at `q_start`, (n,), to rest with the tip at `T_goal`, (4, 4), at joint values that are `usable`.
 
         Raises
@@ -106,15 +108,23 @@ class DirectMover:
         MotionError
             None do.
         """
-        target = T_goal if self.axis_tip is None else position_and_axis(T_goal[:3, 3], T_goal[:3, :3] @ self.axis_tip, axis_tip=self.axis_tip)
+        target = (
+            T_goal
+            if self.axis_tip is None
+            else position_and_axis(T_goal[:3, 3], T_goal[:3, :3] @ self.axis_tip, axis_tip=self.axis_tip)
+        )
         found = self.arm.ik(target, q_near)
         q = np.asarray(found.q)[np.asarray(found.within_limits)]
         if not len(q):
             where = ", ".join(f"{value:.3f}" for value in T_goal[:3, 3])
-            raise MotionError(f"no joint values bring the tip to ({where}) m: {found.reason or 'all answers leave the joint limits'}")
+            raise MotionError(
+                f"no joint values bring the tip to ({where}) m: {found.reason or 'all answers leave the joint limits'}"
+            )
         return np.asarray(q[np.argsort(np.abs(q - q_near).max(axis=1), kind="stable")])
 
-    def plan(self, q_start: FloatArray, T_goal: FloatArray, usable: Callable[[FloatArray], bool] | None = None) -> Trajectory:
+    def plan(
+        self, q_start: FloatArray, T_goal: FloatArray, usable: Callable[[FloatArray], bool] | None = None
+    ) -> Trajectory:
         """A joint move to the nearest joint values that are usable and to which a way is free; see `Mover.plan`."""
         answers = list(self.answers(T_goal, q_start))
         judged: dict[int, bool] = {}
@@ -131,18 +141,28 @@ class DirectMover:
                     return self._through(corners)
                 reason = reason or found
         if not reason:
-            raise MotionError("the pose is in reach, but the motion cannot go on from any of the joint values that reach it")
-        raise MotionError(f"no free way to {len(answers)} answers, straight or by way of {len(self.postures)} postures: {reason}")
+            raise MotionError(
+                "the pose is in reach, but the motion cannot go on from any of the joint values that reach it"
+            )
+        raise MotionError(
+            f"no free way to {len(answers)} answers, straight or by way of {len(self.postures)} postures: {reason}"
+        )
 
     def _hindrance(self, q_start: FloatArray, q_goal: FloatArray) -> str:
         if self.blocked is None:
             return ""
         count = int(np.ceil(np.abs(q_goal - q_start).max() / LOOK)) + 1
-        return next(filter(None, (self.blocked(q_start + u * (q_goal - q_start)) for u in np.linspace(0.0, 1.0, count + 1)[1:])), "")
+        return next(
+            filter(
+                None, (self.blocked(q_start + u * (q_goal - q_start)) for u in np.linspace(0.0, 1.0, count + 1)[1:])
+            ),
+            "",
+        )
 
     def _through(self, corners: list[FloatArray]) -> Trajectory:
         moves = [
-            joint_move(self.arm.chain, a, b, max_velocity=self.velocity, max_acceleration=self.acceleration) for a, b in pairwise(corners)
+            joint_move(self.arm.chain, a, b, max_velocity=self.velocity, max_acceleration=self.acceleration)
+            for a, b in pairwise(corners)
         ]
         return one_after_another([move for move in moves if move.duration > 0.0] or moves[:1])
 
@@ -171,7 +191,9 @@ class DirectMover:
         return timed(np.array(way), self.velocity, self.acceleration, self.arm.joint_names)
 
 
-def timed(way: FloatArray, max_velocity: FloatArray, max_acceleration: FloatArray, joint_names: tuple[str, ...]) -> Trajectory:
+def timed(
+    way: FloatArray, max_velocity: FloatArray, max_acceleration: FloatArray, joint_names: tuple[str, ...]
+) -> Trajectory:
     """A smooth motion through joint values, from rest to rest, within limits: (k, n) values, evenly spaced along the way.
 
     A cubic spline through them is run along by ``10 u^3 - 15 u^4 + 6 u^5``, as slowly as the tightest limit anywhere on it asks.
@@ -202,6 +224,7 @@ def one_after_another(moves: list[Trajectory]) -> Trajectory:
         rows.append(slice(1, None))
         assert np.allclose(before.q[-1], move.q[0])
     columns = [
-        np.concatenate([np.asarray(getattr(move, name))[row] for move, row in zip(moves, rows, strict=True)]) for name in ("q", "dq", "ddq")
+        np.concatenate([np.asarray(getattr(move, name))[row] for move, row in zip(moves, rows, strict=True)])
+        for name in ("q", "dq", "ddq")
     ]
     return Trajectory(np.concatenate(t), *columns, moves[0].joint_names)

@@ -26,9 +26,8 @@ from pieper.model import shape
 from pieper.model.description import Box, Capsule, Cylinder, Mesh, Sphere
 from pieper.model.shape import Drum, Taper
 from pieper.motion.limits import JointLimits
-from pieper.sim.meshes import bodies_of_description, read_mesh
+from pieper.sim.meshes import bodies_of_description, bodies_of_shape, read_mesh
 from pieper.sim.offscreen import import_mujoco
-from pieper.sim.picture import bodies_of_shape
 from pieper.sim.stage import THEMES, rgb
 
 if TYPE_CHECKING:
@@ -213,11 +212,15 @@ def _add_bodies(spec: Any, chain: Chain) -> list[Any]:
 def _add_solids(spec: Any, arm: Arm, bodies: list[Any], density: float) -> None:
     """Solids to touch things with, and masses: of the description where it has them, else made from the chain."""
     chain, description = arm.chain, arm.description
-    masses = [] if description is None else [_described_inertia(description, chain, link) for link in range(len(bodies))]
+    masses = (
+        [] if description is None else [_described_inertia(description, chain, link) for link in range(len(bodies))]
+    )
     described = bool(masses) and all(mass is not None for mass in masses[1:])
     solids = [] if description is None else _described_solids(spec, description, chain)
     if not solids:
-        solids = [(part.link, part.solid, part.T_link_part) for part in shape.from_chain(chain).parts if part.role != "mark"]
+        solids = [
+            (part.link, part.solid, part.T_link_part) for part in shape.from_chain(chain).parts if part.role != "mark"
+        ]
     for link, solid, T in solids:
         kind, size = primitive(solid)
         named = {} if not isinstance(solid, str) else {"meshname": solid}
@@ -357,7 +360,9 @@ def _add_drives(spec: Any, chain: Chain) -> Drives:
     total = inertia + rotor
     limits = JointLimits.of(chain)
     acceleration = np.abs(chain.coupling) @ limits.acceleration
-    described = np.array([chain.max_effort[np.flatnonzero(row)].min() if row.any() else np.inf for row in chain.coupling])
+    described = np.array(
+        [chain.max_effort[np.flatnonzero(row)].min() if row.any() else np.inf for row in chain.coupling]
+    )
     needed = FORCE_RESERVE * total * acceleration
     effort = np.where(np.isfinite(described), np.maximum(described, needed), 3.0 * needed)
     drives = Drives(total, total * SERVO_FREQUENCY**2, 2.0 * total * SERVO_FREQUENCY, effort)

@@ -131,7 +131,9 @@ class MujocoSimulator(Simulator):
         joints = [self.model.joint(axis_name(axis)) for axis in range(len(self.chain.screws))]
         self._q = np.array([int(joint.qposadr[0]) for joint in joints], dtype=np.intp)
         self._dq = np.array([int(joint.dofadr[0]) for joint in joints], dtype=np.intp)
-        self._ctrl = np.array([int(self.model.actuator(axis_name(axis)).id) for axis in range(len(joints))], dtype=np.intp)
+        self._ctrl = np.array(
+            [int(self.model.actuator(axis_name(axis)).id) for axis in range(len(joints))], dtype=np.intp
+        )
         self._from_axes = np.linalg.pinv(self.chain.coupling)
         self.gripper = None if gripper is None else GripperDrive(gripper, self.model, self.data)
         self.observers: list[Callable[[], None]] = []
@@ -179,7 +181,12 @@ class MujocoSimulator(Simulator):
     @property
     def is_moving(self) -> bool:
         """True until the reference of what was commanded has ended."""
-        return self._samples is not None or self._goal is not None or bool(self._wanted.any()) or bool(self._reference[1].any())
+        return (
+            self._samples is not None
+            or self._goal is not None
+            or bool(self._wanted.any())
+            or bool(self._reference[1].any())
+        )
 
     @property
     def at_rest(self) -> bool:
@@ -210,7 +217,9 @@ class MujocoSimulator(Simulator):
 
         Velocities are taken up within the acceleration limits. Parameters and errors as for the kinematic simulator.
         """
-        velocity = self.limits.check_velocity(joint_vector(self.chain, dq, np.zeros(self.chain.dof), name="dq"), name="dq")
+        velocity = self.limits.check_velocity(
+            joint_vector(self.chain, dq, np.zeros(self.chain.dof), name="dq"), name="dq"
+        )
         self._brake()
         self._wanted = velocity
 
@@ -349,7 +358,9 @@ class MujocoSimulator(Simulator):
         self._mujoco.mj_collision(model, data)
         pairs = model.geom_bodyid[data.contact.geom]
         ours, load = hand[pairs], carried[pairs]
-        wrong = (ours | load).any(axis=1) & ~(ours.any(axis=1) & load.any(axis=1)) & ~(self._is_finger[pairs].all(axis=1))
+        wrong = (
+            (ours | load).any(axis=1) & ~(ours.any(axis=1) & load.any(axis=1)) & ~(self._is_finger[pairs].all(axis=1))
+        )
         touching = sorted(self._names(pairs[wrong]))
         return f"{touching[0][0]} would touch {touching[0][1]}" if touching else ""
 
@@ -406,7 +417,8 @@ class MujocoSimulator(Simulator):
         # v = a h k with k (k + 1) / 2 steps of a h^2 left to go; a stop that is late for it is harder
         with np.errstate(invalid="ignore"):
             ahead, behind = (
-                a * h * (np.sqrt(0.25 + 2.0 * np.maximum(room, 0.0) / (a * h * h)) - 0.5) for room in (upper - q, q - lower)
+                a * h * (np.sqrt(0.25 + 2.0 * np.maximum(room, 0.0) / (a * h * h)) - 0.5)
+                for room in (upper - q, q - lower)
             )
         new = np.clip(new, -behind, ahead)
         new = np.where(np.abs(new) < 1e-12, 0.0, new)

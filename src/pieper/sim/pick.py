@@ -7,7 +7,7 @@ tries again. A thing that cannot be picked is left, with the reason, and the nex
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -236,6 +236,7 @@ class PickAndPlace:
         self.stages: list[Stage] = []
         self._cycle, self._target = 0, ""
         self._held: _Held | None = None
+        self._tolerated: frozenset[tuple[str, str]] = frozenset()
 
     def blocked(self, q: FloatArray) -> str:
         """What the arm, with what it holds, would touch at joint values (n,), in words; empty when nothing."""
@@ -272,7 +273,11 @@ class PickAndPlace:
             x, y = rng.uniform(-self.task.position_noise, self.task.position_noise, 2)
             yaw = rng.uniform(-self.task.yaw_noise, self.task.yaw_noise)
             self.robot.put(name, at(x, y, 0.0) @ T @ at(0.0, 0.0, 0.0, yaw=yaw))
-        self._wait(lambda: max(map(self.robot.speed, self.task.targets)) < _STILL, "the things in their slots do not come to rest", guard=False)
+        self._wait(
+            lambda: max(map(self.robot.speed, self.task.targets)) < _STILL,
+            "the things in their slots do not come to rest",
+            guard=False,
+        )
 
     def cycle(self, number: int) -> Cycle:
         """One thing from its slot to the bin."""
@@ -288,7 +293,7 @@ class PickAndPlace:
                 reason = str(failed)
                 if not self._recover(again=failed.lost and attempt < self.task.attempts) or not failed.lost:
                     break
-        with self._quietly(), self._stage("next target"):
+        with suppress(_FailedError), self._stage("next target"):
             left = len(self.task.targets) - 1 - (number - 1) % len(self.task.targets)
             if not placed:
                 raise _FailedError(f"{self._target} is left: {reason}; {left} to go")
@@ -311,7 +316,10 @@ class PickAndPlace:
             self._follow(ways[-1])
         with self._stage(STAGES[4]):
             self.gripper.close()
-            self._wait(lambda: self.gripper.state in (GripperState.HOLDING, GripperState.EMPTY), "the fingers do not come to rest")
+            self._wait(
+                lambda: self.gripper.state in (GripperState.HOLDING, GripperState.EMPTY),
+                "the fingers do not come to rest",
+            )
             if self.gripper.state is GripperState.EMPTY:
                 raise _FailedError("the fingers closed on nothing", lost=True)
             self._held = _Held(self._target, np.linalg.inv(robot.tip()) @ robot.pose(self._target))
@@ -351,7 +359,9 @@ class PickAndPlace:
             self._held = None
             self._open()
             self._wait(
-                lambda: robot.speed(self._target) < _STILL and bool(robot.pose(self._target)[2, 3] < task.bin_region[1, 2]),
+                lambda: (
+                    robot.speed(self._target) < _STILL and bool(robot.pose(self._target)[2, 3] < task.bin_region[1, 2])
+                ),
                 f"{self._target} does not come to rest in the bin",
             )
             p = robot.pose(self._target)[:3, 3]
@@ -364,6 +374,7 @@ class PickAndPlace:
         try:
             with self._stage("recover"):
                 self.robot.stop()
+                self._tolerated = self.robot.collisions()
                 self._wait(lambda: not self.robot.is_moving, "the arm does not stop")
                 self._open()
                 q = self.robot.reference.q
@@ -373,6 +384,8 @@ class PickAndPlace:
                     self._follow_home()
         except _FailedError:
             return False
+        finally:
+            self._tolerated = frozenset()
         return True
 
     def _in_slot(self) -> bool:
@@ -405,12 +418,18 @@ class PickAndPlace:
             raise _FailedError(f"the pose of {self._target} must be a finite (4, 4) array, got {T.tolist()}")
         tilt = float(np.arccos(np.clip(T[2, 2], -1.0, 1.0)))
         if tilt > MOST_TILT:
-            raise _FailedError(f"{self._target} has fallen over: it leans by {np.degrees(tilt):.0f} deg and cannot be gripped")
+            raise _FailedError(
+                f"{self._target} has fallen over: it leans by {np.degrees(tilt):.0f} deg and cannot be gripped"
+            )
         wide = self._width()
         if wide > 0.95 * self.task.gripper.stroke:
-            raise _FailedError(f"{self._target} is {wide:.3f} m wide, too wide for fingers that open {self.task.gripper.stroke:.3f} m")
+            raise _FailedError(
+                f"{self._target} is {wide:.3f} m wide, too wide for fingers that open {self.task.gripper.stroke:.3f} m"
+            )
         if wide < 2.0 * self.task.gripper.narrowest:
-            raise _FailedError(f"{self._target} is {wide:.3f} m wide, too thin for fingers that know {self.task.gripper.narrowest:.3f} m from nothing")
+            raise _FailedError(
+                f"{self._target} is {wide:.3f} m wide, too thin for fingers that know {self.task.gripper.narrowest:.3f} m from nothing"
+            )
         return T
 
     def _width(self) -> float:
@@ -444,7 +463,7 @@ class PickAndPlace:
 
     def _guard(self) -> None:
         """What must not happen while the arm moves: it touches something, or loses what it holds."""
-        touched = self.robot.collisions()
+        touched = self.robot.collisions() - self._tolerated
         if touched:
             self.robot.stop()
             one, other = min(touched)
@@ -455,7 +474,9 @@ class PickAndPlace:
         moved = float(np.linalg.norm(T[:3, 3] - self._held.T_tip_object[:3, 3]))
         if self.gripper.state is GripperState.EMPTY or moved > _LOOSE:
             self.robot.stop()
-            raise _FailedError(f"the grasp slipped: {self._held.name} is {1e3 * moved:.0f} mm from its place in the hand", lost=True)
+            raise _FailedError(
+                f"the grasp slipped: {self._held.name} is {1e3 * moved:.0f} mm from its place in the hand", lost=True
+            )
 
     @contextmanager
     def _stage(self, name: str) -> Iterator[None]:
@@ -469,13 +490,6 @@ class PickAndPlace:
             self._record(name, False, str(cause), start)
             raise _FailedError(str(cause)) from cause
         self._record(name, True, "", start)
-
-    @contextmanager
-    def _quietly(self) -> Iterator[None]:
-        try:
-            yield
-        except _FailedError:
-            pass
 
     def _record(self, name: str, succeeded: bool, reason: str, start: float) -> None:
         stage = Stage(self._cycle, self._target, name, succeeded, reason, start, self.robot.time)

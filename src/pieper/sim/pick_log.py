@@ -50,7 +50,10 @@ class PickLog:
             "task": self.task,
             "seed": self.seed,
             **cycle._asdict(),
-            "stages": [{"name": s.name, "outcome": s.outcome, "reason": s.reason, "start": s.start, "end": s.end} for s in stages],
+            "stages": [
+                {"name": s.name, "outcome": s.outcome, "reason": s.reason, "start": s.start, "end": s.end}
+                for s in stages
+            ],
         }
         with self.path.open("a", encoding="utf-8") as lines:
             lines.write(json.dumps(record) + "\n")
@@ -75,12 +78,21 @@ class PickLog:
             record = json.loads(line)
         except (ValueError, RecursionError):
             record = None
-        wanted = {"number": int, "target": str, "placed": bool, "attempts": int, "reason": str, "duration": (int, float)}
+        wanted = {
+            "number": int,
+            "target": str,
+            "placed": bool,
+            "attempts": int,
+            "reason": str,
+            "duration": (int, float),
+        }
         if (
             not isinstance(record, dict)
             or not {"task", "seed", *Cycle._fields} <= record.keys()
             or not all(isinstance(record[key], kind) for key, kind in wanted.items())
             or record["number"] != number
         ):
-            raise PieperError(f"{self.path}: line {number} is not cycle {number} of a pick log; give another file, or remove this one")
+            raise PieperError(
+                f"{self.path}: line {number} is not cycle {number} of a pick log; give another file, or remove this one"
+            )
         return record

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-import pieper
+from pieper.arm import Arm, load
 from pieper.errors import unknown_name
 from pieper.model.description import Cylinder
 from pieper.sim.gripper import ParallelGripper
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
-
-    from pieper.arm import Arm
 
     FloatArray = NDArray[np.float64]
 
@@ -64,7 +62,7 @@ def task(name: str = "kr210") -> PickTask:
 
 def _kr210() -> PickTask:
     """Nine slots and a bin as in the teaching scene: a can's place there is 0.1 m above where it is gripped."""
-    arm = pieper.load("kr210")
+    arm = load("kr210")
     radius, length = 0.05, 0.3
     hand = ParallelGripper(
         stroke=0.16, force=150.0, reach=0.2, T_tip_mount=AHEAD, pad=np.array([0.014, 0.05, 0.07]), speed=0.2, mass=8.0
@@ -84,15 +82,31 @@ def _kr210() -> PickTask:
     )  # fmt: skip
 
 
-def _small_shelf(name: str, arm_name: str, T_tip_mount: FloatArray, q_near: FloatArray, *, x: float, floor: float) -> PickTask:
-    arm = pieper.load(arm_name)
+def _small_shelf(
+    name: str, arm_name: str, T_tip_mount: FloatArray, q_near: FloatArray, *, x: float, floor: float
+) -> PickTask:
+    arm = load(arm_name)
     radius, length = 0.025, 0.12
     hand = ParallelGripper(stroke=0.09, force=50.0, reach=0.16, T_tip_mount=T_tip_mount, mass=1.2)
     slots = [(x, y, z) for z in (0.3, 0.6, 0.9) for y in (0.3, 0.0, -0.3)]
     boards = sorted({z - 0.5 * length - floor for _, _, z in slots})
-    upright = [(o.name, o) for o in shelf("shelf", x=(x - 0.05, x + 0.17), edges=(-0.45, -0.15, 0.15, 0.45), boards=boards, top=1.1 - floor, thickness=0.02)]
+    upright = [
+        (o.name, o)
+        for o in shelf(
+            "shelf",
+            x=(x - 0.05, x + 0.17),
+            edges=(-0.45, -0.15, 0.15, 0.45),
+            boards=boards,
+            top=1.1 - floor,
+            thickness=0.02,
+        )
+    ]
     lowered = tuple(SceneObject(n, o.solid, at(0.0, 0.0, floor) @ o.T_world_object, color=o.color) for n, o in upright)
-    things = (*lowered, *open_box("bin", center=(0.0, 0.8), size=(0.5, 0.45, 0.3), floor=floor), *_cans(slots, radius, length, 0.25))
+    things = (
+        *lowered,
+        *open_box("bin", center=(0.0, 0.8), size=(0.5, 0.45, 0.3), floor=floor),
+        *_cans(slots, radius, length, 0.25),
+    )
     if floor < 0.0:
         things = (*things, *table("stand", center=(0.0, 0.0), size=(0.36, 0.36), height=-0.005, floor=floor))
     drop = at(0.0, 0.8, 0.6 + max(floor, -0.3)) @ DOWN @ np.linalg.inv(hand.T_tip_mount)
@@ -114,13 +128,16 @@ def _mh12() -> PickTask:
 
 def _youbot() -> PickTask:
     """Nine cans on a low table in front, taken from above: an arm of five joints, which reaches down only near itself."""
-    arm = pieper.load("youbot")
+    arm = load("youbot")
     radius, length, top, ground = 0.012, 0.04, -0.05, -0.30
     axis_x = 0.024  # of the first joint
-    hand = ParallelGripper(stroke=0.045, force=15.0, reach=0.06, mass=0.2, pad=np.array([0.005, 0.014, 0.024]), speed=0.1)
+    hand = ParallelGripper(
+        stroke=0.045, force=15.0, reach=0.06, mass=0.2, pad=np.array([0.005, 0.014, 0.024]), speed=0.1
+    )
     near, far = [(0.21, a) for a in (40.0, 20.0, 0.0, -20.0, -40.0)], [(0.252, a) for a in (30.0, 10.0, -10.0, -30.0)]
     slots = [
-        (axis_x + r * float(np.cos(np.radians(a))), r * float(np.sin(np.radians(a))), top + 0.5 * length) for r, a in (*near, *far)
+        (axis_x + r * float(np.cos(np.radians(a))), r * float(np.sin(np.radians(a))), top + 0.5 * length)
+        for r, a in (*near, *far)
     ]
     things = (
         *table("table", center=(0.27, 0.0), size=(0.28, 0.5), height=top, floor=ground, thickness=0.02),
@@ -150,7 +167,9 @@ def _names(slots: list[tuple[float, float, float]]) -> tuple[str, ...]:
     return tuple(f"can {k + 1}" for k in range(len(slots)))
 
 
-def _cans(slots: list[tuple[float, float, float]], radius: float, length: float, mass: float) -> tuple[SceneObject, ...]:
+def _cans(
+    slots: list[tuple[float, float, float]], radius: float, length: float, mass: float
+) -> tuple[SceneObject, ...]:
     return tuple(
         SceneObject(name, Cylinder(radius, length), at(*slot), mass=mass, color=COLORS[k % len(COLORS)], friction=0.9)
         for k, (name, slot) in enumerate(zip(_names(slots), slots, strict=True))

@@ -18,24 +18,19 @@ from numpy.typing import NDArray
 from pieper.arm import Arm
 from pieper.errors import ArrayError, unknown_name
 from pieper.kinematics.joints import as_joints
-from pieper.model import shape
 from pieper.motion.files import replacing
 from pieper.motion.trajectory import Trajectory
 from pieper.sim.drawing import drawing
-from pieper.sim.meshes import bodies_of_description
+from pieper.sim.meshes import bodies_of_description, bodies_of_shape
 from pieper.sim.offscreen import LARGEST_SIDE, import_pillow
 from pieper.sim.stage import (
     ARM_COLORS,
-    AXIS_COLORS,
     THEMES,
     VIEWS,
-    Body,
     ShownArm,
     ShownFrame,
     ShownLine,
     Stage,
-    Theme,
-    mixed,
     rgb,
 )
 from pieper.spatial._checks import stack
@@ -47,7 +42,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from pieper.model.chain import Chain
-    from pieper.model.shape import Triangles
 
 Image = NDArray[np.uint8]
 
@@ -253,19 +247,3 @@ def _resting(chain: Chain, q: ArrayLike) -> Trajectory:
     if values.ndim != 1:
         raise ArrayError(f"q must have shape ({chain.dof},), got {values.shape}; add several arms one by one")
     return Trajectory(np.zeros(1), values[None], joint_names=chain.joint_names)
-
-
-def bodies_of_shape(chain: Chain, color: str, theme: Theme) -> tuple[Body, ...]:
-    """The shape made from the chain, one surface for each link and colour."""
-    paint = {
-        "base": theme.metal,
-        "link": color,
-        "housing": mixed(theme.metal, color, 0.12),
-        "flange": "#c3c8ce",
-        "mark": AXIS_COLORS[0],
-        "tool": "#98a1ab",
-    }
-    pieces: dict[tuple[int, str], list[Triangles]] = {}
-    for part in shape.from_chain(chain).parts:
-        pieces.setdefault((part.link, paint[part.role]), []).append(shape.as_mesh(part, sections=40))
-    return tuple(Body(link, paint, shape.merge(meshes)) for (link, paint), meshes in pieces.items())

@@ -73,11 +73,15 @@ class SceneObject:
     def __post_init__(self) -> None:
         T = pose(self.T_world_object, f"T_world_object of {self.name!r}")
         object.__setattr__(self, "T_world_object", T)
-        sizes = np.asarray([*self.solid.size] if isinstance(self.solid, Box) else [*vars(self.solid).values()], dtype=float)
+        sizes = np.asarray(
+            [*self.solid.size] if isinstance(self.solid, Box) else [*vars(self.solid).values()], dtype=float
+        )
         if not (np.isfinite(sizes) & (sizes > 0.0)).all():
             raise ArrayError(f"the sizes of {self.name!r} must be above 0 and finite, got {sizes.tolist()}")
         if self.mass is not None and not (np.isfinite(self.mass) and self.mass > 0.0):
-            raise ArrayError(f"the mass of {self.name!r} must be above 0 kg and finite, or None for something fixed; got {self.mass}")
+            raise ArrayError(
+                f"the mass of {self.name!r} must be above 0 kg and finite, or None for something fixed; got {self.mass}"
+            )
         if not (np.isfinite(self.friction) and self.friction >= 0.0):
             raise ArrayError(f"the friction of {self.name!r} must be 0 or more and finite, got {self.friction}")
         rgb(self.color)
@@ -110,7 +114,9 @@ class SceneCamera:
             raise ArrayError(f"field_of_view must be between 0 and pi rad, got {self.field_of_view}")
 
     @classmethod
-    def looking(cls, name: str, eye: ArrayLike, target: ArrayLike, *, field_of_view: float = float(np.radians(40.0))) -> SceneCamera:
+    def looking(
+        cls, name: str, eye: ArrayLike, target: ArrayLike, *, field_of_view: float = float(np.radians(40.0))
+    ) -> SceneCamera:
         """A level camera at a point, (3,) [m], that looks at another."""
         where, there = stack(eye, (3,), "eye"), stack(target, (3,), "target")
         ahead = there - where
@@ -190,7 +196,14 @@ def at(x: float, y: float, z: float, *, yaw: float = 0.0) -> FloatArray:
 
 
 def shelf(
-    name: str, *, x: tuple[float, float], edges: Iterable[float], boards: Iterable[float], top: float, thickness: float = 0.03, color: str = WOOD
+    name: str,
+    *,
+    x: tuple[float, float],
+    edges: Iterable[float],
+    boards: Iterable[float],
+    top: float,
+    thickness: float = 0.03,
+    color: str = WOOD,
 ) -> tuple[SceneObject, ...]:
     """A shelf that opens towards -x.
 
@@ -216,7 +229,8 @@ def shelf(
         for k, h in enumerate([*heights, top])
     ]
     parts += [
-        SceneObject(f"{name}/wall{k}", Box([deep, thickness, top]), at(middle, side, 0.5 * top), color=color) for k, side in enumerate(ys)
+        SceneObject(f"{name}/wall{k}", Box([deep, thickness, top]), at(middle, side, 0.5 * top), color=color)
+        for k, side in enumerate(ys)
     ]
     back = Box([0.5 * thickness, wide, top])
     parts.append(SceneObject(f"{name}/back", back, at(x[1], y, 0.5 * top), color=color))
@@ -224,7 +238,13 @@ def shelf(
 
 
 def open_box(
-    name: str, *, center: tuple[float, float], size: tuple[float, float, float], floor: float = 0.0, wall: float = 0.02, color: str = PLASTIC
+    name: str,
+    *,
+    center: tuple[float, float],
+    size: tuple[float, float, float],
+    floor: float = 0.0,
+    wall: float = 0.02,
+    color: str = PLASTIC,
 ) -> tuple[SceneObject, ...]:
     """A box without a lid: `center` (x, y) and outer `size` (x, y, z) [m]."""
     (x, y), (sx, sy, sz) = center, size
@@ -240,7 +260,14 @@ def open_box(
 
 
 def table(
-    name: str, *, center: tuple[float, float], size: tuple[float, float], height: float, floor: float = 0.0, thickness: float = 0.03, color: str = WOOD
+    name: str,
+    *,
+    center: tuple[float, float],
+    size: tuple[float, float],
+    height: float,
+    floor: float = 0.0,
+    thickness: float = 0.03,
+    color: str = WOOD,
 ) -> tuple[SceneObject, ...]:
     """A table: `center` (x, y) and `size` (x, y) of its top, whose upper side is at `height` [m]; four legs when it is high enough."""
     (x, y), (sx, sy) = center, size

@@ -54,7 +54,12 @@ class SceneView:
     """
 
     def __init__(
-        self, robot: MujocoSimulator, camera: str | None = None, *, size: tuple[int, int] = (640, 480), smooth: bool = False
+        self,
+        robot: MujocoSimulator,
+        camera: str | None = None,
+        *,
+        size: tuple[int, int] = (640, 480),
+        smooth: bool = False,
     ) -> None:
         names = [entry.name for entry in robot.scene.cameras]
         if not names:
@@ -82,7 +87,9 @@ class SceneView:
             self._undo = undo.pop_all()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self._undo.close()
 
     def image(self, positions: FloatArray | None = None) -> Image:
@@ -107,14 +114,22 @@ class SceneView:
         mujoco.mj_comPos(model, self._data)
         mujoco.mj_camlight(model, self._data)
         mujoco.mjv_updateScene(
-            model, self._data, self._option, mujoco.MjvPerturb(), self._seen, mujoco.mjtCatBit.mjCAT_ALL, self._target.scene
+            model,
+            self._data,
+            self._option,
+            mujoco.MjvPerturb(),
+            self._seen,
+            mujoco.mjtCatBit.mjCAT_ALL,
+            self._target.scene,
         )
         self._target.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
         return self._target.draw()
 
     def _shrunk(self, colors: NDArray[np.float32]) -> Image:
         f = self._factor
-        small = colors.reshape(colors.shape[0] // f, f, colors.shape[1] // f, f, 3).mean(axis=(1, 3)) if f > 1 else colors
+        small = (
+            colors.reshape(colors.shape[0] // f, f, colors.shape[1] // f, f, 3).mean(axis=(1, 3)) if f > 1 else colors
+        )
         return np.clip(np.rint(small), 0, 255).astype(np.uint8)
 
 
@@ -172,7 +187,9 @@ class Recording:
             raise ArrayError("nothing was recorded: let time pass first")
         film.check_format(path)
         with SceneView(self.robot, camera, size=size, smooth=smooth) as view:
-            film.save_images(self._images(view), path, count=len(self.moments), fps=self.fps, size=size, progress=progress)
+            film.save_images(
+                self._images(view), path, count=len(self.moments), fps=self.fps, size=size, progress=progress
+            )
         return len(self.moments)
 
     def _images(self, view: SceneView) -> Iterator[Image]:
@@ -191,5 +208,7 @@ def captioned(image: Image, caption: str) -> Image:
     pen = ImageDraw.Draw(canvas)
     font = ImageFont.load_default(max(10.0, 0.03 * image.shape[0]))
     bottom = pen.textbbox((0, 0), caption, font=font)[3]
-    pen.text((10, image.shape[0] - bottom - 10), caption, font=font, fill="#1b1f24", stroke_width=2, stroke_fill="#ffffff")
+    pen.text(
+        (10, image.shape[0] - bottom - 10), caption, font=font, fill="#1b1f24", stroke_width=2, stroke_fill="#ffffff"
+    )
     return np.array(canvas)

@@ -29,7 +29,9 @@ def open_window(robot: MujocoSimulator) -> Callable[[], None]:
     """
     import_mujoco()
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise MissingLibraryError("a window needs a screen, and DISPLAY is not set; make a film instead, with --record FILE")
+        raise MissingLibraryError(
+            "a window needs a screen, and DISPLAY is not set; make a film instead, with --record FILE"
+        )
     try:
         import mujoco.viewer
 
