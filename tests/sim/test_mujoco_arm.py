@@ -120,7 +120,7 @@ def test_masses_and_drives_are_sensible(name):
     from pieper.motion.limits import JointLimits
 
     length = np.linalg.norm(np.diff([f.home[:3, 3] for f in arm.chain.frames], axis=0), axis=1).sum()
-    assert 1.0 < model.body_mass.sum() / length**3 < 500.0  # kg/m^3: KR210 about 110, UR5e 24, youBot 40 by data sheets
+    assert 1.0 < model.body_mass.sum() / length**3 < 500.0  # kg/m^3; wide: a wrong unit is off by a thousand
     assert (model.body_mass[1:] > 0.0).all()
     moments = np.sort(model.body_inertia[2:], axis=1)  # without the world and the base
     assert (moments[:, 0] > 0.0).all()

@@ -231,7 +231,7 @@ class PickAndPlace:
         )
         assert self.robot.gripper is not None
         self.gripper = self.robot.gripper
-        self.look = self.robot.pose if look is None else look
+        self.look: Callable[[str], FloatArray | None] = self.robot.pose if look is None else look
         self.log = log
         self.stages: list[Stage] = []
         self._cycle, self._target = 0, ""
