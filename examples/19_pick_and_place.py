@@ -16,7 +16,4 @@ else:
     cycles = list(run.run(1, first=2))
     print(f"can 2 lies at {run.robot.pose('can 2')[:3, 3].round(2)} m, in the bin")
     print(f"{sum(cycle.placed for cycle in cycles)} of {len(cycles)} placed in {cycles[0].duration:.2f} s")
-
-    tracked = run.robot.read().q - run.robot.reference.q
-    print(f"the joints are {1e3 * abs(tracked).max():.3f} mrad from where the drives want them")
     print(f"the arm touches: {', '.join(map(str, run.robot.collisions())) or 'nothing'}")
