@@ -125,21 +125,25 @@ class DirectMover:
     def plan(
         self, q_start: FloatArray, T_goal: FloatArray, usable: Callable[[FloatArray], bool] | None = None
     ) -> Trajectory:
-        """A joint move to the nearest joint values that are usable and to which a way is free; see `Mover.plan`."""
+        """The shortest free way to usable joint values, straight or by way of one of the postures; see `Mover.plan`."""
         answers = list(self.answers(T_goal, q_start))
+        ways = [
+            (number, [q_start, q] if by_way_of is None else [q_start, by_way_of, q])
+            for by_way_of in (None, *self.postures)
+            for number, q in enumerate(answers)
+        ]
+        ways.sort(key=lambda way: sum(self._effort(a, b) for a, b in pairwise(way[1])))
         judged: dict[int, bool] = {}
         reason = ""
-        for by_way_of in (None, *self.postures):
-            for number, q in enumerate(answers):
-                if number not in judged:
-                    judged[number] = usable is None or usable(q)
-                if not judged[number]:
-                    continue
-                corners = [q_start, q] if by_way_of is None else [q_start, by_way_of, q]
-                found = next(filter(None, (self._hindrance(a, b) for a, b in pairwise(corners))), "")
-                if not found:
-                    return self._through(corners)
-                reason = reason or found
+        for number, corners in ways:
+            if number not in judged:
+                judged[number] = usable is None or usable(answers[number])
+            if not judged[number]:
+                continue
+            found = next(filter(None, (self._hindrance(a, b) for a, b in pairwise(corners))), "")
+            if not found:
+                return self._through(corners)
+            reason = reason or found
         if not reason:
             raise MotionError(
                 "the pose is in reach, but the motion cannot go on from any of the joint values that reach it"
@@ -147,6 +151,10 @@ class DirectMover:
         raise MotionError(
             f"no free way to {len(answers)} answers, straight or by way of {len(self.postures)} postures: {reason}"
         )
+
+    def _effort(self, q_start: FloatArray, q_goal: FloatArray) -> float:
+        """About how long a joint move takes [s]."""
+        return float((np.abs(q_goal - q_start) / self.velocity).max())
 
     def _hindrance(self, q_start: FloatArray, q_goal: FloatArray) -> str:
         if self.blocked is None:
@@ -223,8 +231,8 @@ def one_after_another(moves: list[Trajectory]) -> Trajectory:
         t.append(t[-1][-1] + move.t[1:] - move.t[0])
         rows.append(slice(1, None))
         assert np.allclose(before.q[-1], move.q[0])
-    columns = [
+    q, dq, ddq = (
         np.concatenate([np.asarray(getattr(move, name))[row] for move, row in zip(moves, rows, strict=True)])
         for name in ("q", "dq", "ddq")
-    ]
-    return Trajectory(np.concatenate(t), *columns, moves[0].joint_names)
+    )
+    return Trajectory(np.concatenate(t), q, dq, ddq, moves[0].joint_names)

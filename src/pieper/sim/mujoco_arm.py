@@ -409,7 +409,7 @@ def _looked_at(spec: Any, chain: Chain) -> tuple[FloatArray, list[tuple[str, str
         mujoco.mj_fullM(model, data, full)
         greatest = np.maximum(greatest, full[columns, columns])
         pairs = {
-            tuple(sorted((link_of[a], link_of[b])))
+            (min(link_of[a], link_of[b]), max(link_of[a], link_of[b]))
             for a, b in model.geom_bodyid[data.contact.geom]
             if a in link_of and b in link_of and a != b
         }

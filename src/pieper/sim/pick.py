@@ -256,7 +256,8 @@ class PickAndPlace:
         ArrayError
             A number that is not positive.
         """
-        for name, value in (("cycles", cycles), ("first", first)):
+        given: dict[str, object] = {"cycles": cycles, "first": first}
+        for name, value in given.items():
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
                 raise ArrayError(f"{name} must be a whole number of 1 or more, got {value!r}")
         for number in range(first, first + cycles):

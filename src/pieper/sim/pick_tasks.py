@@ -76,9 +76,10 @@ def _kr210() -> PickTask:
     )
     cameras = (SceneCamera.looking("corner", [-3.0, -3.5, 3.0], [1.15, 0.7, 1.2]),)
     drop = at(-0.1, 2.5, 1.6)
+    tucked = tuple(np.array([waist, -0.5, 0.4, 0.0, -0.3, 0.0]) for waist in (-0.5, 0.0, 0.6, 1.2))
     return PickTask(
         "kr210", arm, hand, Scene(things, cameras), _names(slots), AHEAD, drop, np.array([[-0.45, 2.05, 0.0], [0.55, 2.95, 0.75]]),
-        np.array([0.0, 0.0, 0.0, 0.0, -0.6, 0.0]), approach=0.2, clearance=0.5, lift=0.03,
+        np.array([0.0, 0.0, 0.0, 0.0, -0.6, 0.0]), postures=tucked, approach=0.2, clearance=0.5, lift=0.03,
     )  # fmt: skip
 
 

@@ -225,14 +225,14 @@ def shelf(
     deep, middle = x[1] - x[0], 0.5 * (x[0] + x[1])
     wide, y = ys[-1] - ys[0], 0.5 * (ys[0] + ys[-1])
     parts = [
-        SceneObject(f"{name}/board{k}", Box([deep, wide, thickness]), at(middle, y, h - 0.5 * thickness), color=color)
+        SceneObject(f"{name}/board{k}", _box(deep, wide, thickness), at(middle, y, h - 0.5 * thickness), color=color)
         for k, h in enumerate([*heights, top])
     ]
     parts += [
-        SceneObject(f"{name}/wall{k}", Box([deep, thickness, top]), at(middle, side, 0.5 * top), color=color)
+        SceneObject(f"{name}/wall{k}", _box(deep, thickness, top), at(middle, side, 0.5 * top), color=color)
         for k, side in enumerate(ys)
     ]
-    back = Box([0.5 * thickness, wide, top])
+    back = _box(0.5 * thickness, wide, top)
     parts.append(SceneObject(f"{name}/back", back, at(x[1], y, 0.5 * top), color=color))
     return tuple(parts)
 
@@ -250,11 +250,11 @@ def open_box(
     (x, y), (sx, sy, sz) = center, size
     z = floor + 0.5 * sz
     walls = {
-        "floor": (Box([sx, sy, wall]), at(x, y, floor + 0.5 * wall)),
-        "left": (Box([sx, wall, sz]), at(x, y + 0.5 * (sy - wall), z)),
-        "right": (Box([sx, wall, sz]), at(x, y - 0.5 * (sy - wall), z)),
-        "front": (Box([wall, sy, sz]), at(x + 0.5 * (sx - wall), y, z)),
-        "back": (Box([wall, sy, sz]), at(x - 0.5 * (sx - wall), y, z)),
+        "floor": (_box(sx, sy, wall), at(x, y, floor + 0.5 * wall)),
+        "left": (_box(sx, wall, sz), at(x, y + 0.5 * (sy - wall), z)),
+        "right": (_box(sx, wall, sz), at(x, y - 0.5 * (sy - wall), z)),
+        "front": (_box(wall, sy, sz), at(x + 0.5 * (sx - wall), y, z)),
+        "back": (_box(wall, sy, sz), at(x - 0.5 * (sx - wall), y, z)),
     }
     return tuple(SceneObject(f"{name}/{side}", solid, T, color=color) for side, (solid, T) in walls.items())
 
@@ -271,14 +271,18 @@ def table(
 ) -> tuple[SceneObject, ...]:
     """A table: `center` (x, y) and `size` (x, y) of its top, whose upper side is at `height` [m]; four legs when it is high enough."""
     (x, y), (sx, sy) = center, size
-    parts = [SceneObject(f"{name}/top", Box([sx, sy, thickness]), at(x, y, height - 0.5 * thickness), color=color)]
+    parts = [SceneObject(f"{name}/top", _box(sx, sy, thickness), at(x, y, height - 0.5 * thickness), color=color)]
     long = height - thickness - floor
     if long > thickness:
-        leg = Box([1.5 * thickness, 1.5 * thickness, long])
+        leg = _box(1.5 * thickness, 1.5 * thickness, long)
         for k, (a, b) in enumerate([(1, 1), (1, -1), (-1, 1), (-1, -1)]):
             foot = at(x + a * 0.45 * sx, y + b * 0.45 * sy, floor + 0.5 * long)
             parts.append(SceneObject(f"{name}/leg{k}", leg, foot, color=STEEL))
     return tuple(parts)
+
+
+def _box(x: float, y: float, z: float) -> Box:
+    return Box(np.array([x, y, z]))
 
 
 # --------------------------------------------------------------------------------------------------------------------
