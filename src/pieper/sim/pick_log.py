@@ -78,7 +78,7 @@ class PickLog:
             record = json.loads(line)
         except (ValueError, RecursionError):
             record = None
-        wanted = {
+        wanted: dict[str, Any] = {
             "number": int,
             "target": str,
             "placed": bool,
