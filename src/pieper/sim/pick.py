@@ -51,6 +51,7 @@ MOST_TILT = float(np.radians(15.0))
 _GUARDED_EVERY = 5  # time steps between looks at what touches what
 _LOOSE = 0.02  # [m] how far from its place in the hand a thing may be
 _STILL = 0.02  # [m/s]
+_STAYS, _FOR = 0.005, 0.25  # [m] and [s]: what lies in a heap may tremble
 
 
 class Stage(NamedTuple):
@@ -113,6 +114,9 @@ class PickTask:
         How much farther back the arm goes before it swings away [m].
     lift : float
         How far up before it draws back [m].
+    drop_step : float
+        Distance of the nine places, in a square around `T_world_drop`, where things are let go in turn [m]; what stands well on another
+        thing would make a tower.
     spin_free : bool
         Whether the turn about the direction of approach does not matter, as with a can from above; arms with five joints need that.
     position_noise, yaw_noise : float
@@ -142,6 +146,7 @@ class PickTask:
     approach: float = 0.2
     clearance: float = 0.3
     lift: float = 0.03
+    drop_step: float = 0.0
     spin_free: bool = False
     position_noise: float = 0.005
     yaw_noise: float = float(np.radians(5.0))
@@ -153,7 +158,7 @@ class PickTask:
         object.__setattr__(self, "targets", tuple(self.targets))
         for name in ("T_object_grasp", "T_world_drop"):
             object.__setattr__(self, name, pose(getattr(self, name), name))
-        for name in ("approach", "clearance", "lift", "position_noise", "yaw_noise"):
+        for name in ("approach", "clearance", "lift", "drop_step", "position_noise", "yaw_noise"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
                 raise ArrayError(f"{name} must be 0 or more and finite, got {getattr(self, name)}")
         if not 0.0 < self.speed <= 1.0:
@@ -169,6 +174,12 @@ class PickTask:
     def grasp_at(self, T_world_object: FloatArray) -> FloatArray:
         """(4, 4) pose of the tip that grips a thing which is there."""
         return np.asarray(T_world_object @ self.T_object_grasp @ np.linalg.inv(self.gripper.T_tip_grasp))
+
+    def drop_of(self, target: str) -> FloatArray:
+        """(4, 4) pose of the tip where it lets go of a target."""
+        number = self.targets.index(target)
+        shift = [number % 3 - 1, number // 3 % 3 - 1]
+        return np.asarray(at(self.drop_step * shift[0], self.drop_step * shift[1], 0.0) @ self.T_world_drop)
 
     def back(self, T_world_tip: FloatArray, distance: float) -> FloatArray:
         """The tip drawn back against the direction of approach [m]."""
@@ -305,7 +316,7 @@ class PickAndPlace:
     def _pick(self) -> None:
         task, robot = self.task, self.robot
         with self._stage(STAGES[0]):
-            T_grasp = task.grasp_at(self._seen())
+            T_grasp = task.grasp_at(_upright(self._seen()))
             T_pre, T_via = task.back(T_grasp, task.approach), task.back(T_grasp, task.approach + task.clearance)
         with self._stage(STAGES[1]):
             ways = self._ways(T_via, T_pre, T_grasp)
@@ -353,21 +364,43 @@ class PickAndPlace:
     def _place(self) -> None:
         task, robot = self.task, self.robot
         with self._stage(STAGES[6]):
-            T_away = task.back(robot.arm.fk(robot.reference.q), task.clearance)
-            self._follow(self.mover.plan(robot.reference.q, T_away))
-            self._follow(self.mover.plan(robot.reference.q, task.T_world_drop))
+            for way in self._ways_to_bin():
+                self._follow(way)
         with self._stage(STAGES[7]):
             self._held = None
             self._open()
-            self._wait(
-                lambda: (
-                    robot.speed(self._target) < _STILL and bool(robot.pose(self._target)[2, 3] < task.bin_region[1, 2])
-                ),
-                f"{self._target} does not come to rest in the bin",
-            )
+            self._wait(self._lies_in_bin(), f"{self._target} does not come to rest in the bin")
             p = robot.pose(self._target)[:3, 3]
             if not ((p >= task.bin_region[0]) & (p <= task.bin_region[1])).all():
                 raise _FailedError(f"{self._target} lies at ({p[0]:.2f}, {p[1]:.2f}, {p[2]:.2f}) m, not in the bin")
+
+    def _lies_in_bin(self) -> Callable[[], bool]:
+        """Whether the target is below the rim of the bin and has stayed in its place for a while, as a question."""
+        robot, task = self.robot, self.task
+        since, place = [robot.time], [robot.pose(self._target)[:3, 3]]
+
+        def question() -> bool:
+            p = robot.pose(self._target)[:3, 3]
+            if np.linalg.norm(p - place[0]) > _STAYS or p[2] > task.bin_region[1, 2]:
+                since[0], place[0] = robot.time, p
+            return robot.time - since[0] > _FOR
+
+        return question
+
+    def _ways_to_bin(self) -> list[Trajectory]:
+        """Away from the slot, less or more far, and from there to the bin."""
+        q = self.robot.reference.q
+        T_pre = self.robot.arm.fk(q)
+        reason = ""
+        for share in (1.0, 0.6, 1.4, 0.3):
+            T_away = self.task.back(T_pre, share * self.task.clearance)
+            for leave in (self.mover.plan, self.mover.line):
+                try:
+                    away = leave(q, T_away)
+                    return [away, self.mover.plan(away.q[-1], self.task.drop_of(self._target))]
+                except PieperError as cause:  # noqa: PERF203  a handful of ways
+                    reason = reason or str(cause)
+        raise _FailedError(reason)
 
     def _recover(self, *, again: bool) -> bool:
         """Draw back with open fingers; False when even that failed."""
@@ -497,3 +530,8 @@ class PickAndPlace:
         self.stages.append(stage)
         if self.log is not None:
             self.log(stage)
+
+
+def _upright(T: FloatArray) -> FloatArray:
+    """The pose without its lean: a hand that comes in level grips what leans a little, and five joints cannot lean with it."""
+    return at(*map(float, T[:3, 3]), yaw=float(np.arctan2(T[1, 0] - T[0, 1], T[0, 0] + T[1, 1])))

@@ -143,16 +143,16 @@ def _youbot() -> PickTask:
     things = (
         *table("table", center=(0.27, 0.0), size=(0.28, 0.5), height=top, floor=ground, thickness=0.02),
         *table("stand", center=(-0.03, 0.0), size=(0.2, 0.2), height=-0.002, floor=ground, thickness=0.02),
-        *open_box("bin", center=(axis_x, 0.25), size=(0.18, 0.18, 0.2), floor=ground, wall=0.006),
+        *open_box("bin", center=(axis_x, 0.235), size=(0.18, 0.18, 0.2), floor=ground, wall=0.006),
         *_cans(slots, radius, length, 0.05),
     )
     cameras = (SceneCamera.looking("corner", [-0.35, -0.75, 0.55], [0.14, 0.03, -0.02]),)
-    drop = at(axis_x, 0.25, 0.11) @ DOWN
+    drop = at(axis_x, 0.22, 0.11) @ DOWN
     home = _reaching(arm, at(axis_x + 0.23, 0.0, 0.13) @ DOWN, np.array([2.95, 1.35, -2.6, 1.8, 2.9]), spin_free=True)
     return PickTask(
         "youbot", arm, hand, Scene(things, cameras, floor=ground), _names(slots), at(0.0, 0.0, 0.004) @ DOWN, drop,
-        np.array([[axis_x - 0.09, 0.16, ground], [axis_x + 0.09, 0.34, ground + 0.2]]), home, approach=0.045, clearance=0.01, lift=0.01,
-        spin_free=True,
+        np.array([[axis_x - 0.09, 0.145, ground], [axis_x + 0.09, 0.325, ground + 0.2]]), home, approach=0.045, clearance=0.01, lift=0.01,
+        spin_free=True, drop_step=0.03,
     )  # fmt: skip
 
 
