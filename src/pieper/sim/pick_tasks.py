@@ -74,7 +74,7 @@ def _kr210() -> PickTask:
         *open_box("bin", center=(0.05, 2.5), size=(1.0, 0.9, 0.75)),
         *_cans(slots, radius, length, 1.0),
     )
-    cameras = (SceneCamera.looking("corner", [-3.0, -3.5, 3.0], [1.15, 0.7, 1.2]),)
+    cameras = (SceneCamera.looking("corner", [-3.2, -3.8, 3.1], [1.2, 0.62, 1.2]),)
     drop = at(-0.1, 2.5, 1.6)
     tucked = tuple(np.array([waist, -0.5, 0.4, 0.0, -0.3, 0.0]) for waist in (-0.5, 0.0, 0.6, 1.2))
     return PickTask(
