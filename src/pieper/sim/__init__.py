@@ -1,1 +1,1 @@
-"""Simulated arms, and pictures of them. `pieper.sim.kinematic` needs nothing but NumPy; MuJoCo draws pictures."""
+"""Simulated arms, and pictures of them. `pieper.sim.kinematic` needs nothing but NumPy; MuJoCo does the physics and draws."""

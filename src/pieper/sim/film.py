@@ -101,25 +101,63 @@ def save(
     OSError
         The file cannot be written.
     """
-    file = Path(path)
-    suffix = file.suffix.lower()
-    if suffix not in FORMATS:
-        raise ArrayError(f"a film must end in {' or '.join(FORMATS)}, got {str(file)!r}")
+    suffix = check_format(path)
     if picture.duration <= 0.0:
         raise ArrayError("a film needs an arm with a trajectory that takes time; for a still picture see Picture.save")
     rate = (20.0 if suffix == ".gif" else 30.0) if fps is None else fps
     times = frame_times(picture.duration, fps=rate, speed=speed, hold=hold)
     if suffix == ".gif" and rate > _GIF_FASTEST:
         raise ArrayError(f"a GIF film shows at most {_GIF_FASTEST:g} frames per second, got fps = {rate:g}")
+    save_images(picture.images(times), path, count=len(times), fps=rate, size=picture.stage.size, progress=progress)
+    return len(times)
+
+
+def check_format(path: str | os.PathLike[str]) -> str:
+    """The suffix of a film, in small letters.
+
+    Raises
+    ------
+    ArrayError
+        It is not one of `FORMATS`.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in FORMATS:
+        raise ArrayError(f"a film must end in {' or '.join(FORMATS)}, got {str(path)!r}")
+    return suffix
+
+
+def save_images(
+    images: Iterator[Image],
+    path: str | os.PathLike[str],
+    *,
+    count: int,
+    fps: float,
+    size: tuple[int, int],
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Write pictures as a film; a file of that name is replaced once the film is complete.
+
+    Parameters
+    ----------
+    images : iterator of (height, width, 3) arrays
+        `count` pictures of one `size` (width, height).
+    path, fps, progress
+        As for `save`.
+
+    Raises
+    ------
+    ArrayError, MissingExtraError, PieperError, OSError
+        As from `save`.
+    """
+    suffix = check_format(path)
     with (
-        replacing(file) as unfinished,
-        contextlib.closing(_told(picture.images(times), len(times), progress)) as images,
+        replacing(Path(path)) as unfinished,
+        contextlib.closing(_told(images, count, progress)) as told,
     ):
         if suffix == ".gif":
-            _write_gif(images, unfinished, rate, len(times))
+            _write_gif(told, unfinished, fps, count)
         else:
-            _write_mp4(images, unfinished, rate, picture.stage.size)
-    return len(times)
+            _write_mp4(told, unfinished, fps, size)
 
 
 def _told(

@@ -84,7 +84,7 @@ class KinematicSimulator(Simulator):
         self.chain = chain
         self.limits = JointLimits.of(chain, max_velocity=max_velocity)
         nearest_zero = np.clip(np.zeros(chain.dof), *chain.limits.T)
-        start = nearest_zero if q is None else self.limits.check_position(self._vector(q, nearest_zero))
+        start = nearest_zero if q is None else self.limits.check_position(joint_vector(chain, q, nearest_zero))
         self._time = 0.0
         self._rest(start)
 
@@ -168,7 +168,7 @@ class KinematicSimulator(Simulator):
             A name that no joint has.
         """
         here = self.read().q
-        goal = self.limits.check_position(self._vector(q, here))
+        goal = self.limits.check_position(joint_vector(self.chain, q, here))
         apart = np.abs(goal - here)
         if not apart.any():
             self._rest(goal)
@@ -193,7 +193,7 @@ class KinematicSimulator(Simulator):
         UnknownNameError
             A name that no joint has.
         """
-        velocity = self.limits.check_velocity(self._vector(dq, np.zeros(self.chain.dof), name="dq"))
+        velocity = self.limits.check_velocity(joint_vector(self.chain, dq, np.zeros(self.chain.dof), name="dq"))
         self._rest(self.read().q)
         self._velocity = velocity
 
@@ -218,7 +218,7 @@ class KinematicSimulator(Simulator):
         UnknownNameError
             It moves a joint that the arm does not have.
         """
-        ordered = self._joined(trajectory.in_order(self.joint_names))
+        ordered = joined(trajectory.in_order(self.joint_names), self.read())
         self.limits.check_trajectory(ordered)
         self._start(ordered)
 
@@ -240,41 +240,61 @@ class KinematicSimulator(Simulator):
     def _rest(self, q: FloatArray) -> None:
         self._start(Trajectory(np.zeros(1), q[None], joint_names=self.joint_names))
 
-    def _vector(self, values: ArrayLike | Mapping[str, float], otherwise: FloatArray, name: str = "q") -> ArrayLike:
-        """The values in the order of the joints; those that a mapping leaves out are taken from `otherwise`."""
-        if not isinstance(values, Mapping):
-            return values
-        vector = otherwise.copy()
-        for joint, value in values.items():
-            index = self.chain.joint_index(joint)
-            try:
-                vector[index] = float(value)
-            except (TypeError, ValueError) as cause:
-                raise ArrayError(f"{name} of joint {joint!r} must be a number, got {value!r}") from cause
-        return vector
 
-    def _joined(self, trajectory: Trajectory) -> Trajectory:
-        """The trajectory from time 0 and from where the arm is."""
-        here = self.read()
-        t, q, dq, ddq = trajectory.t, trajectory.q, trajectory.dq, trajectory.ddq
-        if t[0] < 0.0:
-            raise ArrayError(f"the times of a trajectory count from now and must not be before 0, got {t[0]} s")
-        if t[0] > 0.0:
-            return Trajectory(
-                np.concatenate([[0.0], t]),
-                np.vstack([here.q, q]),
-                None if dq is None else np.vstack([here.dq, dq]),
-                None if ddq is None else np.vstack([np.zeros(self.chain.dof), ddq]),
-                self.joint_names,
-            )
-        apart = np.abs(q[0] - here.q)
-        if (apart > START_TOLERANCE).any():
-            joint = int(np.argmax(apart))
-            raise MotionError(
-                f"the trajectory must begin where the arm is, within {START_TOLERANCE}: joint {self.joint_names[joint]!r} is at "
-                f"{here.q[joint]:.9g} and the trajectory begins at {q[0, joint]:.9g}; plan it from where the arm is, "
-                "or give its first point a time after 0"
-            )
-        if len(t) == 1:
-            return Trajectory(t, here.q[None], joint_names=self.joint_names) if apart.any() else trajectory
-        return Trajectory(t, np.vstack([here.q, q[1:]]), dq, ddq, self.joint_names)
+def joint_vector(
+    chain: Chain, values: ArrayLike | Mapping[str, float], otherwise: FloatArray, *, name: str = "q"
+) -> ArrayLike:
+    """The values in the order of the joints; those that a mapping leaves out are taken from `otherwise`, (n,).
+
+    Raises
+    ------
+    ArrayError
+        A value that is no number.
+    UnknownNameError
+        A name that no joint has.
+    """
+    if not isinstance(values, Mapping):
+        return values
+    vector = otherwise.copy()
+    for joint, value in values.items():
+        index = chain.joint_index(joint)
+        try:
+            vector[index] = float(value)
+        except (TypeError, ValueError) as cause:
+            raise ArrayError(f"{name} of joint {joint!r} must be a number, got {value!r}") from cause
+    return vector
+
+
+def joined(trajectory: Trajectory, here: RobotState) -> Trajectory:
+    """The trajectory from time 0 and from where an arm is, its columns in the order of the joints of the arm.
+
+    Raises
+    ------
+    ArrayError
+        The first time is before 0.
+    MotionError
+        It begins at time 0, and too far from where the arm is.
+    """
+    t, q, dq, ddq = trajectory.t, trajectory.q, trajectory.dq, trajectory.ddq
+    names = trajectory.joint_names
+    if t[0] < 0.0:
+        raise ArrayError(f"the times of a trajectory count from now and must not be before 0, got {t[0]} s")
+    if t[0] > 0.0:
+        return Trajectory(
+            np.concatenate([[0.0], t]),
+            np.vstack([here.q, q]),
+            None if dq is None else np.vstack([here.dq, dq]),
+            None if ddq is None else np.vstack([np.zeros(len(here.q)), ddq]),
+            names,
+        )
+    apart = np.abs(q[0] - here.q)
+    if (apart > START_TOLERANCE).any():
+        joint = int(np.argmax(apart))
+        raise MotionError(
+            f"the trajectory must begin where the arm is, within {START_TOLERANCE}: joint {names[joint]!r} is at "
+            f"{here.q[joint]:.9g} and the trajectory begins at {q[0, joint]:.9g}; plan it from where the arm is, "
+            "or give its first point a time after 0"
+        )
+    if len(t) == 1:
+        return Trajectory(t, here.q[None], joint_names=names) if apart.any() else trajectory
+    return Trajectory(t, np.vstack([here.q, q[1:]]), dq, ddq, names)

@@ -1,4 +1,6 @@
-"""Surfaces of the links of a description: its boxes, cylinders, capsules and spheres, and its mesh files as MuJoCo reads them."""
+"""Surfaces of the links of an arm: the boxes, cylinders, capsules and spheres of its description and its mesh files as MuJoCo reads them,
+or a shape made from its chain.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ from pieper.model import shape
 from pieper.model.description import Mesh
 from pieper.model.shape import Triangles
 from pieper.sim.offscreen import import_mujoco
-from pieper.sim.stage import Body
+from pieper.sim.stage import AXIS_COLORS, Body, Theme, mixed
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -59,6 +61,22 @@ def bodies_of_description(description: Description, chain: Chain, color: str) ->
             placed = Triangles(surface.vertices @ T[:3, :3].T + T[:3, 3], surface.faces)
             bodies.append(Body(frame.after, _color(visual) or color, placed))
     return tuple(bodies) or None
+
+
+def bodies_of_shape(chain: Chain, color: str, theme: Theme) -> tuple[Body, ...]:
+    """The shape made from the chain, one surface for each link and colour."""
+    paint = {
+        "base": theme.metal,
+        "link": color,
+        "housing": mixed(theme.metal, color, 0.12),
+        "flange": "#c3c8ce",
+        "mark": AXIS_COLORS[0],
+        "tool": "#98a1ab",
+    }
+    pieces: dict[tuple[int, str], list[Triangles]] = {}
+    for part in shape.from_chain(chain).parts:
+        pieces.setdefault((part.link, paint[part.role]), []).append(shape.as_mesh(part, sections=_SMOOTH))
+    return tuple(Body(link, paint, shape.merge(meshes)) for (link, paint), meshes in pieces.items())
 
 
 def _color(visual: Visual) -> str | None:

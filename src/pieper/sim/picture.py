@@ -24,11 +24,10 @@ from pieper.model.description import Mesh
 from pieper.motion.files import replacing
 from pieper.motion.trajectory import Trajectory
 from pieper.sim.drawing import drawing
-from pieper.sim.meshes import bodies_of_description, read_mesh
+from pieper.sim.meshes import bodies_of_description, bodies_of_shape, read_mesh
 from pieper.sim.offscreen import LARGEST_SIDE, import_pillow
 from pieper.sim.stage import (
     ARM_COLORS,
-    AXIS_COLORS,
     THEMES,
     VIEWS,
     Body,
@@ -36,8 +35,6 @@ from pieper.sim.stage import (
     ShownFrame,
     ShownLine,
     Stage,
-    Theme,
-    mixed,
     rgb,
 )
 from pieper.spatial._checks import stack
@@ -49,7 +46,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from pieper.model.description import Geometry
-    from pieper.model.shape import Triangles
 
 Image = NDArray[np.uint8]
 
@@ -159,7 +155,7 @@ class Picture:
             names = tuple(chain.frame(which).name for which in frames)
         bodies = bodies_of_description(description, chain, paint) if meshes and description is not None else None
         if bodies is None:
-            bodies = _bodies_of_shape(chain, paint, self.stage.theme)
+            bodies = bodies_of_shape(chain, paint, self.stage.theme)
         self.stage.arms.append(ShownArm(chain, motion, paint, opacity, names, axes, trace, labels, bodies))
 
     def add_solids(
@@ -287,19 +283,3 @@ def _resting(chain: Chain, q: ArrayLike) -> Trajectory:
     if values.ndim != 1:
         raise ArrayError(f"q must have shape ({chain.dof},), got {values.shape}; add several arms one by one")
     return Trajectory(np.zeros(1), values[None], joint_names=chain.joint_names)
-
-
-def _bodies_of_shape(chain: Chain, color: str, theme: Theme) -> tuple[Body, ...]:
-    """The shape made from the chain, one surface for each link and colour."""
-    paint = {
-        "base": theme.metal,
-        "link": color,
-        "housing": mixed(theme.metal, color, 0.12),
-        "flange": "#c3c8ce",
-        "mark": AXIS_COLORS[0],
-        "tool": "#98a1ab",
-    }
-    pieces: dict[tuple[int, str], list[Triangles]] = {}
-    for part in shape.from_chain(chain).parts:
-        pieces.setdefault((part.link, paint[part.role]), []).append(shape.as_mesh(part, sections=40))
-    return tuple(Body(link, paint, shape.merge(meshes)) for (link, paint), meshes in pieces.items())

@@ -1,0 +1,85 @@
+"""How many things are placed, and how long does a cycle take, when the slots are as crooked as they are in life?
+
+Every arm that has a task picks through its nine slots again and again, in full contact physics; before each round the things stand up to
+5 mm and 5 deg from where they should. Counted are the things in the bin; timed are the cycles in simulated time, and the processor
+time that simulating them takes. The drives' tracking error is the largest difference between reference and measurement over all joints,
+over one cycle of the KR210.
+
+    python benchmarks/pick.py [--cycles 200] [--others 45] [--seed 0]
+"""
+
+import argparse
+import time
+
+import numpy as np
+import results
+
+from pieper.sim import pick_tasks
+from pieper.sim.pick import PickAndPlace
+
+
+def measured(name: str, cycles: int, seed: int) -> dict[str, object]:
+    start = time.process_time()
+    run = PickAndPlace(pick_tasks.task(name), seed=seed)
+    placed, durations, attempts, reasons = 0, [], [], []
+    for cycle in run.run(cycles):
+        placed += cycle.placed
+        attempts.append(cycle.attempts)
+        durations.append(cycle.duration)
+        if not cycle.placed:
+            reasons.append(f"cycle {cycle.number}, {cycle.target}: {cycle.reason}")
+        if cycle.number % 20 == 0:
+            print(f"{name}: {placed} of {cycle.number} placed", flush=True)
+    taken = time.process_time() - start
+    return {
+        "cycles": cycles,
+        "placed": placed,
+        "cycles with a second grasp": int((np.array(attempts) > 1).sum()),
+        "mean cycle [s]": float(np.mean(durations)),
+        "longest cycle [s]": float(np.max(durations)),
+        "processor time for a cycle [s]": taken / cycles,
+        "times real time": run.robot.time / taken,
+        "reasons": reasons,
+    }
+
+
+def tracking(name: str) -> float:
+    """The largest error of a joint over a cycle, against the reference at the same time [rad]."""
+    run = PickAndPlace(pick_tasks.task(name))
+    worst = [0.0]
+
+    def look() -> None:
+        worst[0] = max(worst[0], float(np.abs(run.robot.read().q - run.robot.reference.q).max()))
+
+    run.robot.observers.append(look)
+    for _ in run.run(1):
+        pass
+    return worst[0]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cycles", type=int, default=200, help="of the KR210")
+    parser.add_argument("--others", type=int, default=45, help="of each other arm")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    found: dict[str, object] = {}
+    for name in pick_tasks.names():
+        found[name] = measured(name, options.cycles if name == "kr210" else options.others, options.seed)
+        print(name, results.rounded(found[name]), flush=True)
+    worst = tracking("kr210")
+    print(f"tracking error {1e3 * worst:.3f} mrad")
+    path = results.save(
+        "pick",
+        method="nine slots, +-5 mm along x and y, +-5 deg of yaw, uniform; physics at 2 ms; poses known to the simulator; one seed; "
+        "processor time of one process, model and start included",
+        packages=["mujoco"],
+        seed=options.seed,
+        tracking_error_rad=worst,
+        arms=results.rounded(found),
+    )
+    print(f"wrote {path}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,537 @@
+"""Pick and place: one thing after another out of its slot and into a bin, stage by stage, each logged with its outcome.
+
+A cycle goes through `STAGES`. What is waited for is a state, of the arm, of the gripper or of the thing, never a time; a state that does not
+come within `PATIENCE` fails its stage. When the fingers close on nothing, or what they hold slips, the arm draws back, looks again and
+tries again. A thing that cannot be picked is left, with the reason, and the next one is tried.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pieper.errors import ArrayError, PieperError
+from pieper.model.description import Box, Cylinder
+from pieper.sim.gripper import GripperState, ParallelGripper
+from pieper.sim.mover import DirectMover, Mover
+from pieper.sim.physics import MujocoSimulator
+from pieper.sim.scene import Scene, at, pose
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from pieper.arm import Arm
+    from pieper.motion.trajectory import Trajectory
+
+FloatArray = NDArray[np.float64]
+
+STAGES = (
+    "plan to pre-grasp",
+    "inverse kinematics",
+    "move",
+    "reach",
+    "close gripper",
+    "retract",
+    "move to bin",
+    "release",
+    "next target",
+)
+"""Of a cycle, in order. ``recover`` comes between when a grasp was lost."""
+
+PATIENCE = 8.0
+"""How long a state is waited for [s of the simulation]."""
+
+MOST_TILT = float(np.radians(15.0))
+"""How far a thing may lean and still be gripped [rad]."""
+
+_GUARDED_EVERY = 5  # time steps between looks at what touches what
+_LOOSE = 0.02  # [m] how far from its place in the hand a thing may be
+_STILL = 0.02  # [m/s]
+_STAYS, _FOR = 0.005, 0.25  # [m] and [s]: what lies in a heap may tremble
+
+
+class Stage(NamedTuple):
+    """What became of a stage: which `cycle` (from 1) and `target`, its `name`, whether it `succeeded`, why not, and from when to when [s]."""
+
+    cycle: int
+    target: str
+    name: str
+    succeeded: bool
+    reason: str
+    start: float
+    end: float
+
+    @property
+    def outcome(self) -> str:
+        """``SUCCEEDED`` or ``FAILED``."""
+        return "SUCCEEDED" if self.succeeded else "FAILED"
+
+    def __str__(self) -> str:
+        line = f"{self.end:8.2f} s  cycle {self.cycle:<3d} {self.target:<10s} {self.name:<18s} {self.outcome}"
+        return f"{line}  {self.reason}" if self.reason else line
+
+
+class Cycle(NamedTuple):
+    """What became of a cycle: its `number` from 1, its `target`, whether it was `placed`, `attempts`, the `reason` if not, and `duration` [s]."""
+
+    number: int
+    target: str
+    placed: bool
+    attempts: int
+    reason: str
+    duration: float
+
+
+@dataclass(frozen=True, eq=False)
+class PickTask:
+    """What is picked, by which arm, and where it goes.
+
+    Attributes
+    ----------
+    name : str
+    arm : Arm
+        Its tip carries the gripper.
+    gripper : ParallelGripper
+    scene : Scene
+        With every target in it, in its slot.
+    targets : tuple of str
+        Names of the things to pick, in order.
+    T_object_grasp : (4, 4) array
+        Where the middle of the pads goes, in the frame of a target: z ahead, y from finger to finger.
+    T_world_drop : (4, 4) array
+        Tip of the arm when it lets go.
+    bin_region : (2, 3) array
+        Corners of the space where a thing counts as placed [m].
+    q_home : (n,) array
+        Where the arm begins [rad or m].
+    approach : float
+        How far before the grasp the straight way begins [m].
+    clearance : float
+        How much farther back the arm goes before it swings away [m].
+    lift : float
+        How far up before it draws back [m].
+    drop_step : float
+        Distance of the nine places, in a square around `T_world_drop`, where things are let go in turn [m]; what stands well on another
+        thing would make a tower.
+    spin_free : bool
+        Whether the turn about the direction of approach does not matter, as with a can from above; arms with five joints need that.
+    position_noise, yaw_noise : float
+        Greatest shift along x and along y [m], and turn [rad], of the things in their slots.
+    attempts : int
+        Grasps of a thing before it is left.
+    postures : tuple of (n,) arrays
+        Safe ones to go by way of, besides `q_home`.
+    speed : float
+        Fraction of the arm's velocity limits.
+
+    Raises
+    ------
+    ArrayError
+        A pose, a size or a number that makes no task; a target that is not in the scene or does not move.
+    """
+
+    name: str
+    arm: Arm
+    gripper: ParallelGripper
+    scene: Scene
+    targets: tuple[str, ...]
+    T_object_grasp: FloatArray
+    T_world_drop: FloatArray
+    bin_region: FloatArray
+    q_home: FloatArray
+    approach: float = 0.2
+    clearance: float = 0.3
+    lift: float = 0.03
+    drop_step: float = 0.0
+    spin_free: bool = False
+    position_noise: float = 0.005
+    yaw_noise: float = float(np.radians(5.0))
+    attempts: int = 3
+    postures: tuple[FloatArray, ...] = ()
+    speed: float = 1.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "targets", tuple(self.targets))
+        for name in ("T_object_grasp", "T_world_drop"):
+            object.__setattr__(self, name, pose(getattr(self, name), name))
+        for name in ("approach", "clearance", "lift", "drop_step", "position_noise", "yaw_noise"):
+            if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
+                raise ArrayError(f"{name} must be 0 or more and finite, got {getattr(self, name)}")
+        if not 0.0 < self.speed <= 1.0:
+            raise ArrayError(f"speed must be above 0 and at most 1, got {self.speed}")
+        if self.attempts < 1:
+            raise ArrayError(f"attempts must be 1 or more, got {self.attempts}")
+        if not self.targets:
+            raise ArrayError("targets must name at least one thing of the scene")
+        for target in self.targets:
+            if not self.scene.object(target).moves:
+                raise ArrayError(f"target {target!r} is fixed; give it a mass")
+
+    def grasp_at(self, T_world_object: FloatArray) -> FloatArray:
+        """(4, 4) pose of the tip that grips a thing which is there."""
+        return np.asarray(T_world_object @ self.T_object_grasp @ np.linalg.inv(self.gripper.T_tip_grasp))
+
+    def drop_of(self, target: str) -> FloatArray:
+        """(4, 4) pose of the tip where it lets go of a target."""
+        number = self.targets.index(target)
+        shift = [number % 3 - 1, number // 3 % 3 - 1]
+        return np.asarray(at(self.drop_step * shift[0], self.drop_step * shift[1], 0.0) @ self.T_world_drop)
+
+    def back(self, T_world_tip: FloatArray, distance: float) -> FloatArray:
+        """The tip drawn back against the direction of approach [m]."""
+        T = np.array(T_world_tip)
+        T[:3, 3] -= distance * (T[:3, :3] @ self.gripper.T_tip_grasp[:3, 2])
+        return T
+
+
+class _FailedError(Exception):
+    """A stage failed; `lost` says that a grasp was lost and trying again may help."""
+
+    def __init__(self, reason: str, *, lost: bool = False) -> None:
+        super().__init__(reason)
+        self.lost = lost
+
+
+@dataclass(eq=False)
+class _Held:
+    """What is in the hand, and where it was in it when it was gripped."""
+
+    name: str
+    T_tip_object: FloatArray = field(repr=False)
+
+
+class PickAndPlace:
+    """The task as it runs.
+
+    Parameters
+    ----------
+    task : PickTask
+    seed : int
+        Of the places of the things in their slots. The places of a cycle depend on the seed and the number of the cycle alone.
+    mover : Mover, optional
+        How to get from pose to pose; `DirectMover` by default.
+    look : callable, optional
+        Given the name of a target, where it is, (4, 4), or None when it is not seen; the simulator's own knowledge by default.
+    log : callable, optional
+        Called with every `Stage` when it ends.
+
+    Attributes
+    ----------
+    robot : MujocoSimulator
+    stages : list of Stage
+    """
+
+    def __init__(
+        self,
+        task: PickTask,
+        *,
+        seed: int = 0,
+        mover: Mover | None = None,
+        look: Callable[[str], FloatArray | None] | None = None,
+        log: Callable[[Stage], None] | None = None,
+    ) -> None:
+        self.task, self.seed = task, seed
+        axis = task.gripper.T_tip_grasp[:3, 2] if task.spin_free else None
+        self.robot = MujocoSimulator(task.arm, q=task.q_home, scene=task.scene, gripper=task.gripper)
+        self.mover: Mover = mover or DirectMover(
+            task.arm, axis_tip=axis, speed=task.speed, blocked=self.blocked, postures=(task.q_home, *task.postures)
+        )
+        assert self.robot.gripper is not None
+        self.gripper = self.robot.gripper
+        self.look: Callable[[str], FloatArray | None] = self.robot.pose if look is None else look
+        self.log = log
+        self.stages: list[Stage] = []
+        self._cycle, self._target = 0, ""
+        self._held: _Held | None = None
+        self._tolerated: frozenset[tuple[str, str]] = frozenset()
+
+    def blocked(self, q: FloatArray) -> str:
+        """What the arm, with what it holds, would touch at joint values (n,), in words; empty when nothing."""
+        if self._held is None:
+            return self.robot.blocked(q)
+        return self.robot.blocked(q, held=self._held.name, T_tip_held=self._held.T_tip_object)
+
+    # --- cycles
+
+    def run(self, cycles: int, *, first: int = 1) -> Iterator[Cycle]:
+        """Run cycles, one for every item that is taken from the iterator: from number `first` on, `cycles` of them.
+
+        Targets come in their order, again and again; before the first one of a round the slots are filled.
+
+        Raises
+        ------
+        ArrayError
+            A number that is not positive.
+        """
+        given: dict[str, object] = {"cycles": cycles, "first": first}
+        for name, value in given.items():
+            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+                raise ArrayError(f"{name} must be a whole number of 1 or more, got {value!r}")
+        for number in range(first, first + cycles):
+            slot = (number - 1) % len(self.task.targets)
+            if slot == 0 or number == first:
+                self.fill_slots(number - slot)
+            yield self.cycle(number)
+
+    def fill_slots(self, number: int) -> None:
+        """Put every target into its slot, shifted and turned by the noise of the round that begins with cycle `number`."""
+        rng = np.random.default_rng((self.seed, number))
+        for name in self.task.targets:
+            T = self.task.scene.object(name).T_world_object
+            x, y = rng.uniform(-self.task.position_noise, self.task.position_noise, 2)
+            yaw = rng.uniform(-self.task.yaw_noise, self.task.yaw_noise)
+            self.robot.put(name, at(x, y, 0.0) @ T @ at(0.0, 0.0, 0.0, yaw=yaw))
+        self._wait(
+            lambda: max(map(self.robot.speed, self.task.targets)) < _STILL,
+            "the things in their slots do not come to rest",
+            guard=False,
+        )
+
+    def cycle(self, number: int) -> Cycle:
+        """One thing from its slot to the bin."""
+        self._cycle, self._target = number, self.task.targets[(number - 1) % len(self.task.targets)]
+        start, attempt, placed, reason = self.robot.time, 0, False, ""
+        while not placed and attempt < self.task.attempts:
+            attempt += 1
+            try:
+                self._pick()
+                self._place()
+                placed = True
+            except _FailedError as failed:
+                reason = str(failed)
+                if not self._recover(again=failed.lost and attempt < self.task.attempts) or not failed.lost:
+                    break
+        with suppress(_FailedError), self._stage("next target"):
+            left = len(self.task.targets) - 1 - (number - 1) % len(self.task.targets)
+            if not placed:
+                raise _FailedError(f"{self._target} is left: {reason}; {left} to go")
+        return Cycle(number, self._target, placed, attempt, "" if placed else reason, self.robot.time - start)
+
+    # --- the stages
+
+    def _pick(self) -> None:
+        task, robot = self.task, self.robot
+        with self._stage(STAGES[0]):
+            T_grasp = task.grasp_at(_upright(self._seen()))
+            T_pre, T_via = task.back(T_grasp, task.approach), task.back(T_grasp, task.approach + task.clearance)
+        with self._stage(STAGES[1]):
+            ways = self._ways(T_via, T_pre, T_grasp)
+        with self._stage(STAGES[2]):
+            self._open()
+            for way in ways[:-1]:
+                self._follow(way)
+        with self._stage(STAGES[3]):
+            self._follow(ways[-1])
+        with self._stage(STAGES[4]):
+            self.gripper.close()
+            self._wait(
+                lambda: self.gripper.state in (GripperState.HOLDING, GripperState.EMPTY),
+                "the fingers do not come to rest",
+            )
+            if self.gripper.state is GripperState.EMPTY:
+                raise _FailedError("the fingers closed on nothing", lost=True)
+            self._held = _Held(self._target, np.linalg.inv(robot.tip()) @ robot.pose(self._target))
+        with self._stage(STAGES[5]):
+            T_up = np.array(T_grasp)
+            T_up[2, 3] += task.lift
+            self._follow(self.mover.line(robot.reference.q, T_up))
+            self._follow(self.mover.line(robot.reference.q, task.back(T_up, task.approach)))
+
+    def _ways(self, T_via: FloatArray, T_pre: FloatArray, T_grasp: FloatArray) -> list[Trajectory]:
+        """From here before the slot, to the pre-grasp, and along a line to the grasp, all on one branch."""
+        onwards: dict[bytes, list[Trajectory]] = {}
+        reasons: list[str] = []
+
+        def goes_on(q_via: FloatArray) -> bool:
+            try:
+                ahead = self.mover.plan(q_via, T_pre)
+                onwards[np.asarray(q_via).tobytes()] = [ahead, self.mover.line(ahead.q[-1], T_grasp)]
+            except PieperError as cause:
+                reasons.append(str(cause))
+                return False
+            return True
+
+        try:
+            first = self.mover.plan(self.robot.reference.q, T_via, goes_on)
+        except PieperError as cause:
+            raise _FailedError(reasons[0] if reasons else str(cause)) from cause
+        return [first, *onwards[first.q[-1].tobytes()]]
+
+    def _place(self) -> None:
+        task, robot = self.task, self.robot
+        with self._stage(STAGES[6]):
+            for way in self._ways_to_bin():
+                self._follow(way)
+        with self._stage(STAGES[7]):
+            self._held = None
+            self._open()
+            self._wait(self._lies_in_bin(), f"{self._target} does not come to rest in the bin")
+            p = robot.pose(self._target)[:3, 3]
+            if not ((p >= task.bin_region[0]) & (p <= task.bin_region[1])).all():
+                raise _FailedError(f"{self._target} lies at ({p[0]:.2f}, {p[1]:.2f}, {p[2]:.2f}) m, not in the bin")
+
+    def _lies_in_bin(self) -> Callable[[], bool]:
+        """Whether the target is below the rim of the bin and has stayed in its place for a while, as a question."""
+        robot, task = self.robot, self.task
+        since, place = [robot.time], [robot.pose(self._target)[:3, 3]]
+
+        def question() -> bool:
+            p = robot.pose(self._target)[:3, 3]
+            if np.linalg.norm(p - place[0]) > _STAYS or p[2] > task.bin_region[1, 2]:
+                since[0], place[0] = robot.time, p
+            return robot.time - since[0] > _FOR
+
+        return question
+
+    def _ways_to_bin(self) -> list[Trajectory]:
+        """Away from the slot, less or more far, and from there to the bin."""
+        q = self.robot.reference.q
+        T_pre = self.robot.arm.fk(q)
+        reason = ""
+        for share in (1.0, 0.6, 1.4, 0.3):
+            T_away = self.task.back(T_pre, share * self.task.clearance)
+            for leave in (self.mover.plan, self.mover.line):
+                try:
+                    away = leave(q, T_away)
+                    return [away, self.mover.plan(away.q[-1], self.task.drop_of(self._target))]
+                except PieperError as cause:  # noqa: PERF203  a handful of ways
+                    reason = reason or str(cause)
+        raise _FailedError(reason)
+
+    def _recover(self, *, again: bool) -> bool:
+        """Draw back with open fingers; False when even that failed."""
+        self._held = None
+        try:
+            with self._stage("recover"):
+                self.robot.stop()
+                self._tolerated = self.robot.collisions()
+                self._wait(lambda: not self.robot.is_moving, "the arm does not stop")
+                self._open()
+                q = self.robot.reference.q
+                if self._in_slot():
+                    self._follow(self.mover.line(q, self.task.back(self.robot.arm.fk(q), self.task.approach)))
+                if not again:
+                    self._follow_home()
+        except _FailedError:
+            return False
+        finally:
+            self._tolerated = frozenset()
+        return True
+
+    def _in_slot(self) -> bool:
+        """Whether the hand is nearer to the target's slot than the approach is long."""
+        T = self.task.grasp_at(self.task.scene.object(self._target).T_world_object)
+        return bool(np.linalg.norm(self.robot.tip()[:3, 3] - T[:3, 3]) < self.task.approach)
+
+    def _follow_home(self) -> None:
+        from pieper.motion.joint_move import joint_move
+
+        q = self.robot.reference.q
+        T_away = self.task.back(self.robot.arm.fk(q), self.task.clearance)
+        try:
+            self._follow(self.mover.plan(q, T_away))
+        except _FailedError:
+            raise
+        except PieperError:  # nothing to draw back to: from here, then
+            pass
+        self._follow(joint_move(self.robot.chain, self.robot.reference.q, self.task.q_home))
+
+    # --- beneath the stages
+
+    def _seen(self) -> FloatArray:
+        """Where the target is, if it can be gripped."""
+        T = self.look(self._target)
+        if T is None:
+            raise _FailedError(f"{self._target} is not seen")
+        T = np.asarray(T)
+        if T.shape != (4, 4) or not np.isfinite(T).all():
+            raise _FailedError(f"the pose of {self._target} must be a finite (4, 4) array, got {T.tolist()}")
+        tilt = float(np.arccos(np.clip(T[2, 2], -1.0, 1.0)))
+        if tilt > MOST_TILT:
+            raise _FailedError(
+                f"{self._target} has fallen over: it leans by {np.degrees(tilt):.0f} deg and cannot be gripped"
+            )
+        wide = self._width()
+        if wide > 0.95 * self.task.gripper.stroke:
+            raise _FailedError(
+                f"{self._target} is {wide:.3f} m wide, too wide for fingers that open {self.task.gripper.stroke:.3f} m"
+            )
+        if wide < 2.0 * self.task.gripper.narrowest:
+            raise _FailedError(
+                f"{self._target} is {wide:.3f} m wide, too thin for fingers that know {self.task.gripper.narrowest:.3f} m from nothing"
+            )
+        return T
+
+    def _width(self) -> float:
+        """Of the target, between the fingers [m]."""
+        solid = self.task.scene.object(self._target).solid
+        if isinstance(solid, Box):
+            return float(np.abs(self.task.T_object_grasp[:3, 1]) @ solid.size)
+        if isinstance(solid, Cylinder) and abs(self.task.T_object_grasp[2, 1]) > 0.5:
+            return solid.length
+        return 2.0 * solid.radius
+
+    def _open(self) -> None:
+        self.gripper.open()
+        self._wait(lambda: self.gripper.state is GripperState.OPEN, "the fingers do not open", guard=False)
+
+    def _follow(self, trajectory: Trajectory) -> None:
+        self.robot.follow(trajectory)
+        self._wait(lambda: self.robot.at_rest, "the arm does not come to rest", longest=trajectory.duration + PATIENCE)
+
+    def _wait(self, done: Callable[[], bool], reason: str, *, longest: float = PATIENCE, guard: bool = True) -> None:
+        """Let time pass until a state is there."""
+        robot = self.robot
+        end, ticks = robot.time + longest, 0
+        while not done():
+            robot.step(robot.timestep)
+            ticks += 1
+            if guard and ticks % _GUARDED_EVERY == 0:
+                self._guard()
+            if robot.time > end:
+                raise _FailedError(f"{reason}, after {longest:.0f} s")
+
+    def _guard(self) -> None:
+        """What must not happen while the arm moves: it touches something, or loses what it holds."""
+        touched = self.robot.collisions() - self._tolerated
+        if touched:
+            self.robot.stop()
+            one, other = min(touched)
+            raise _FailedError(f"{one} touches {other}")
+        if self._held is None:
+            return
+        T = np.linalg.inv(self.robot.tip()) @ self.robot.pose(self._held.name)
+        moved = float(np.linalg.norm(T[:3, 3] - self._held.T_tip_object[:3, 3]))
+        if self.gripper.state is GripperState.EMPTY or moved > _LOOSE:
+            self.robot.stop()
+            raise _FailedError(
+                f"the grasp slipped: {self._held.name} is {1e3 * moved:.0f} mm from its place in the hand", lost=True
+            )
+
+    @contextmanager
+    def _stage(self, name: str) -> Iterator[None]:
+        start = self.robot.time
+        try:
+            yield
+        except _FailedError as failed:
+            self._record(name, False, str(failed), start)
+            raise
+        except PieperError as cause:
+            self._record(name, False, str(cause), start)
+            raise _FailedError(str(cause)) from cause
+        self._record(name, True, "", start)
+
+    def _record(self, name: str, succeeded: bool, reason: str, start: float) -> None:
+        stage = Stage(self._cycle, self._target, name, succeeded, reason, start, self.robot.time)
+        self.stages.append(stage)
+        if self.log is not None:
+            self.log(stage)
+
+
+def _upright(T: FloatArray) -> FloatArray:
+    """The pose without its lean: a hand that comes in level grips what leans a little, and five joints cannot lean with it."""
+    return at(*map(float, T[:3, 3]), yaw=float(np.arctan2(T[1, 0] - T[0, 1], T[0, 0] + T[1, 1])))

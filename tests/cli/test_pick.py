@@ -1,0 +1,102 @@
+"""``pieper pick``: exit codes, the stages and the count that are printed, the log, films, and Ctrl-C."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from pieper.cli.main import main
+
+pytest.importorskip("mujoco", reason="mujoco is not installed")
+
+
+def said(capsys):
+    out = capsys.readouterr()
+    return out.out, out.err
+
+
+def test_a_cycle_with_its_stages_and_the_count(capsys):
+    assert main(["pick", "--cycles", "1", "--seed", "7"]) == 0
+    out, _ = said(capsys)
+    lines = out.splitlines()
+    assert sum("SUCCEEDED" in line for line in lines) == 9
+    assert lines[-1].startswith("1 of 1 placed")
+
+
+def test_quiet_prints_the_count_alone_and_the_log_goes_on(capsys, tmp_path):
+    file = str(tmp_path / "log.jsonl")
+    line = ["pick", "--arm", "ur10e", "--quiet", "--log", file]
+    assert main([*line, "--cycles", "1"]) == 0
+    out, _ = said(capsys)
+    assert len(out.splitlines()) == 1
+    assert main([*line, "--cycles", "2"]) == 0
+    out, _ = said(capsys)
+    assert "1 cycles are in" in out
+    assert out.splitlines()[-1].startswith("2 of 2 placed")
+    records = [json.loads(record) for record in (tmp_path / "log.jsonl").read_text().splitlines()]
+    assert [record["number"] for record in records] == [1, 2]
+    assert {stage["outcome"] for record in records for stage in record["stages"]} == {"SUCCEEDED"}
+    assert main([*line, "--cycles", "2", "--seed", "1"]) == 2
+    assert "with seed 0, not of 'ur10e' with seed 1" in said(capsys)[1]
+
+
+def test_what_is_not_placed_is_an_exit_code(capsys, monkeypatch):
+    from dataclasses import replace
+
+    from pieper.sim import pick_tasks
+
+    slippery = pick_tasks.task("ur10e")
+    things = tuple(replace(thing, friction=0.0) if thing.moves else thing for thing in slippery.scene.objects)
+    monkeypatch.setattr(
+        pick_tasks, "task", lambda name: replace(slippery, attempts=1, scene=replace(slippery.scene, objects=things))
+    )
+    assert main(["pick", "--cycles", "1", "--quiet"]) == 1
+    assert said(capsys)[0].splitlines()[-1] == "0 of 1 placed"
+
+
+@pytest.mark.parametrize(
+    ("typed", "code", "words"),
+    [
+        (["--arm", "kr211"], 2, "no pick task 'kr211'"),
+        (["--cycles", "0"], 2, "--cycles must be 1 or more, got 0"),
+        (["--seed", "-1"], 2, "--seed must be 0 or more"),
+        (["--record", "film.avi"], 2, "a film must end in"),
+        (["--record", "film.mp4", "--size", "wide"], 2, "--size must be width x height"),
+        (["--record", "film.mp4", "--speed", "0"], 2, "speed must be a positive number"),
+    ],
+)
+def test_bad_input_is_said_before_anything_moves(capsys, typed, code, words):
+    assert main(["pick", *typed]) == code
+    assert words in said(capsys)[1]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="screens are found by DISPLAY on Linux")
+def test_a_window_needs_a_screen(capsys, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    assert main(["pick", "--cycles", "1", "--view"]) == 3
+    assert "--record FILE" in said(capsys)[1]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="interrupts are signals elsewhere")
+def test_ctrl_c_keeps_what_was_done(tmp_path):
+    log = tmp_path / "log.jsonl"
+    command = [sys.executable, "-m", "pieper", "pick", "--cycles", "500", "--log", str(log)]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ}
+    ) as run:
+        for line in run.stdout:
+            if "cycle 2" in line and "move " in line:
+                run.send_signal(signal.SIGINT)
+                break
+        out, err = run.communicate(timeout=60)
+    assert run.returncode == 130
+    assert "1 of 500 placed" in out
+    assert "goes on after cycle 1" in out
+    assert "interrupted" in err
+    assert len(log.read_text().splitlines()) == 1
