@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 from typing import Annotated
 
@@ -11,6 +10,7 @@ import typer
 
 from pieper.cli.arguments import Base, Tip, load
 from pieper.cli.node import Backend, Domain, Network, endings, ros_arguments
+from pieper.cli.signals import handled
 from pieper.errors import PieperError
 
 _WORDS = {"mode": "MODE", "arm": "--arm", "ur_type": "--ur-type"}
@@ -59,7 +59,6 @@ def launch(
     options += [*(["--ros-args", *ros, "--"] if ros else []), *ros_arguments(context)]
 
     run = processes.Launch(processes.commands(mode, name, ends=ends, options=options), _say)
-    before = {number: signal.signal(number, lambda *_: run.stop()) for number in endings()}
 
     def say_what_is_next() -> None:
         for what, without_ros, with_ros in chosen.hints:
@@ -68,11 +67,8 @@ def launch(
                 run.say(f"  {line.format(joint=joint).replace(' /', f' {namespace}/')}")
         run.say("to end all: Ctrl-C")
 
-    try:
+    with handled(endings(), lambda *_: run.stop()):
         return run.run(started=say_what_is_next)
-    finally:
-        for number, old in before.items():
-            signal.signal(number, old)
 
 
 def _say(line: str) -> None:

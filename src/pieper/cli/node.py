@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from pieper.cli.signals import handled
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
@@ -94,12 +96,8 @@ class Ending:
 def ending() -> Iterator[Ending]:
     """Take the signals of :func:`endings` for a wish to end, and not for a failure."""
     handler = Ending()
-    before = {number: signal.signal(number, handler) for number in endings()}
-    try:
+    with handled(endings(), handler):
         yield handler
-    finally:
-        for number, old in before.items():
-            signal.signal(number, old)
 
 
 @contextmanager

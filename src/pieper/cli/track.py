@@ -14,6 +14,7 @@ import typer
 
 from pieper.cli.outputs import keep_apart
 from pieper.cli.show import console
+from pieper.cli.signals import handled
 from pieper.errors import VisionError, unknown_name
 
 if TYPE_CHECKING:
@@ -275,12 +276,8 @@ def _interruptible(frames: Source) -> Iterator[list[int]]:
         came.append(number)
         frames.stop()
 
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
+    with handled((signal.SIGINT, signal.SIGTERM), stop):
         yield came
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextmanager

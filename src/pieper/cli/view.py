@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pieper.cli.arguments import ArmName, Base, Degrees, Nominal, Tip, load
+from pieper.cli.signals import handled
 from pieper.cli.target import seed_values
 from pieper.errors import ArrayError, PieperError
 
@@ -197,11 +198,5 @@ def _until_asked() -> Iterator[None]:
     def asked(*_: object) -> None:
         raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, asked) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
+    with handled((signal.SIGINT, signal.SIGTERM), asked), suppress(KeyboardInterrupt):
         yield
-    except KeyboardInterrupt:
-        pass
-    finally:
-        for number, old in before.items():
-            signal.signal(number, old)

@@ -243,6 +243,8 @@ def _known_files() -> Iterator[str]:
         for kind in ("msg", "srv", "action"):
             for file in folder.glob(f"*/{kind}/*.{kind}"):
                 yield f"{file.parts[-3]}/{kind}/{file.stem}"
+                for part in _PARTS.get(kind, ()):
+                    yield f"{file.parts[-3]}/{kind}/{file.stem}_{part}"
 
 
 def _register(package: str, kind: str, stem: str, text: str) -> None:
