@@ -15,7 +15,7 @@ import numpy as np
 import results
 
 from pieper.sim import pick_tasks
-from pieper.sim.pick import PickAndPlace
+from pieper.tasks.pick import PickAndPlace
 
 
 def measured(name: str, cycles: int, seed: int) -> dict[str, object]:

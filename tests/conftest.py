@@ -9,6 +9,7 @@ import pytest
 from hypothesis import settings
 
 from pieper._native import kernels
+from pieper.errors import MissingExtraError, MissingLibraryError
 
 # No test depends on time: the first example of a run may import a package, and machines of others are slower.
 settings.register_profile("pieper", deadline=None)
@@ -26,3 +27,16 @@ def instruction_set(request):
     kernels.use_instruction_set(request.param)
     yield request.param
     kernels.use_instruction_set(before)
+
+
+@pytest.fixture(scope="session")
+def can_draw() -> None:
+    """Tests of pictures skip, and say why, where nothing can draw without a screen."""
+    from pieper.sim import offscreen
+
+    try:
+        offscreen.import_mujoco()
+        offscreen.import_pillow()
+        offscreen.gl_context(16, 16).free()
+    except (MissingExtraError, MissingLibraryError) as reason:
+        pytest.skip(str(reason))

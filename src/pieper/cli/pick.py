@@ -11,8 +11,8 @@ from pieper.cli.show import console
 from pieper.errors import ArrayError
 
 if TYPE_CHECKING:
-    from pieper.sim.pick import Cycle, PickAndPlace, Stage
     from pieper.sim.scene_view import Recording
+    from pieper.tasks.pick import Cycle, PickAndPlace, Stage
 
 _FILM_SIZE = "640x480"
 
@@ -40,10 +40,10 @@ def pick(
 ) -> int:
     """Pick things out of slots and place them in a bin, with contact physics; 0 when all are placed, 1 when not."""
     from pieper.sim import film
-    from pieper.sim.pick import PickAndPlace
-    from pieper.sim.pick_log import PickLog
-    from pieper.sim.pick_tasks import task
     from pieper.sim.scene_view import Recording
+    from pieper.tasks.pick import PickAndPlace
+    from pieper.tasks.pick_log import PickLog
+    from pieper.tasks.pick_tasks import task
 
     if cycles < 1:
         raise ArrayError(f"--cycles must be 1 or more, got {cycles}")
@@ -104,7 +104,7 @@ def pick(
 
 def _next_stage(stage: Stage) -> str:
     """What comes after a stage, for the caption."""
-    from pieper.sim.pick import STAGES
+    from pieper.tasks.pick import STAGES
 
     if not stage.succeeded or stage.name not in STAGES:
         return f"{stage.name} {stage.outcome}"

@@ -11,7 +11,7 @@ from pieper.errors import PieperError
 if TYPE_CHECKING:
     import os
 
-    from pieper.sim.pick import Cycle, Stage
+    from pieper.tasks.pick import Cycle, Stage
 
 
 class PickLog:
@@ -59,7 +59,7 @@ class PickLog:
             lines.write(json.dumps(record) + "\n")
 
     def _read(self) -> None:
-        from pieper.sim.pick import Cycle
+        from pieper.tasks.pick import Cycle
 
         whole = self.path.read_text(encoding="utf-8", errors="replace")
         for number, line in enumerate(whole.splitlines(), start=1):
@@ -72,7 +72,7 @@ class PickLog:
             self.done.append(Cycle(*(record[key] for key in Cycle._fields)))
 
     def _record(self, line: str, number: int) -> dict[str, Any]:
-        from pieper.sim.pick import Cycle
+        from pieper.tasks.pick import Cycle
 
         try:
             record = json.loads(line)

@@ -17,10 +17,10 @@ pytest.importorskip("mujoco", reason="mujoco is not installed")
 
 from pieper.sim import pick_tasks
 from pieper.sim.gripper import GripperState
-from pieper.sim.mover import DirectMover, one_after_another, timed
-from pieper.sim.pick import STAGES, PickAndPlace
-from pieper.sim.pick_log import PickLog
 from pieper.sim.scene import SceneObject, at
+from pieper.tasks.mover import DirectMover, one_after_another, timed
+from pieper.tasks.pick import STAGES, PickAndPlace
+from pieper.tasks.pick_log import PickLog
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 PRINTED = 1e-9  # [m] of the poses on record

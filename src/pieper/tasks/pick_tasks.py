@@ -10,9 +10,9 @@ from pieper.arm import Arm, load
 from pieper.errors import unknown_name
 from pieper.model.description import Cylinder
 from pieper.sim.gripper import ParallelGripper
-from pieper.sim.mover import DirectMover
-from pieper.sim.pick import PickTask
 from pieper.sim.scene import CLAY, Scene, SceneCamera, SceneObject, at, open_box, shelf, table
+from pieper.tasks.mover import DirectMover
+from pieper.tasks.pick import PickTask
 
 if TYPE_CHECKING:
     from collections.abc import Callable

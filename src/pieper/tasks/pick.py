@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from pieper.errors import ArrayError, PieperError
 from pieper.model.description import Box, Cylinder
 from pieper.sim.gripper import GripperState, ParallelGripper
-from pieper.sim.mover import DirectMover, Mover
 from pieper.sim.physics import MujocoSimulator
 from pieper.sim.scene import Scene, at, pose
+from pieper.tasks.mover import DirectMover, Mover
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -4,7 +4,7 @@ from pieper.errors import MissingExtraError, MissingLibraryError
 from pieper.sim import pick_tasks
 
 try:
-    from pieper.sim.pick import PickAndPlace
+    from pieper.tasks.pick import PickAndPlace
 
     task = pick_tasks.task("kr210")  # or ur10e, mh12, youbot
     run = PickAndPlace(task, seed=1, log=print)  # cans stand up to 5 mm and 5 deg from their places
