@@ -14,7 +14,7 @@ import time
 import numpy as np
 import results
 
-from pieper.sim import pick_tasks
+from pieper.tasks import pick_tasks
 from pieper.tasks.pick import PickAndPlace
 
 

@@ -1,7 +1,7 @@
 """Pick and place with contact physics: a KR210 takes a can out of a shelf and drops it into a bin, stage by stage."""
 
 from pieper.errors import MissingExtraError, MissingLibraryError
-from pieper.sim import pick_tasks
+from pieper.tasks import pick_tasks
 
 try:
     from pieper.tasks.pick import PickAndPlace

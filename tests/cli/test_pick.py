@@ -48,7 +48,7 @@ def test_quiet_prints_the_count_alone_and_the_log_goes_on(capsys, tmp_path):
 def test_what_is_not_placed_is_an_exit_code(capsys, monkeypatch):
     from dataclasses import replace
 
-    from pieper.sim import pick_tasks
+    from pieper.tasks import pick_tasks
 
     slippery = pick_tasks.task("ur10e")
     things = tuple(replace(thing, friction=0.0) if thing.moves else thing for thing in slippery.scene.objects)

@@ -15,9 +15,9 @@ from pieper.motion.trajectory import Trajectory
 
 pytest.importorskip("mujoco", reason="mujoco is not installed")
 
-from pieper.sim import pick_tasks
 from pieper.sim.gripper import GripperState
 from pieper.sim.scene import SceneObject, at
+from pieper.tasks import pick_tasks
 from pieper.tasks.mover import DirectMover, one_after_another, timed
 from pieper.tasks.pick import STAGES, PickAndPlace
 from pieper.tasks.pick_log import PickLog
