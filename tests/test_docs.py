@@ -1,12 +1,14 @@
 """The README and every page in docs/ are true.
 
-Blocks of ``python`` run and those of ``pycon`` print what they say, each page in one namespace from top to bottom. Console blocks run too: what follows a line ``$ pieper ...``
+Blocks of ``python`` run and those of ``pycon`` print what they say, each page in one namespace from top to bottom. A block of ``text`` right after one of ``python``
+is what that prints. Console blocks run too: what follows a line ``$ pieper ...``
 is what the command prints; ``...`` stands for anything, and ``(exit code 1)`` for its exit code where that is not 0.
 """
 
 import contextlib
 import doctest
 import io
+import json
 import re
 import shlex
 from pathlib import Path
@@ -18,16 +20,16 @@ from pieper.cli.main import main
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-BLOCK = re.compile(r"^```(python|pycon)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r"^```(python|pycon)\n(.*?)^```$(?:\n\n```text\n(.*?)^```$)?", re.MULTILINE | re.DOTALL)
 CONSOLE = re.compile(r"^```console\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SHOWN = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 LINK = re.compile(r"\]\((?!https?://|#)([^)#\s]+)[^)]*\)")
 
 
-def blocks(page: Path) -> list[tuple[int, str, str]]:
-    """Line number, language and text of each block that Python runs."""
+def blocks(page: Path) -> list[tuple[int, str, str, str | None]]:
+    """Line number, language, text and, where the page shows it, output of each block that Python runs."""
     text = page.read_text(encoding="utf-8")
-    return [(text.count("\n", 0, match.start(2)), match[1], match[2]) for match in BLOCK.finditer(text)]
+    return [(text.count("\n", 0, match.start(2)), match[1], match[2], match[3]) for match in BLOCK.finditer(text)]
 
 
 def commands(page: Path) -> list[tuple[str, str]]:
@@ -49,13 +51,20 @@ def test_blocks_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.chdir(tmp_path)  # what a block writes stays out of the repository
     namespace: dict[str, object] = {"__name__": "__main__"}
     with np.printoptions():  # a page may set its own
-        for line, language, code in blocks(page):
-            run_block(page, line, language, code, namespace)
+        for line, language, code, output in blocks(page):
+            run_block(page, line, language, code, output, namespace)
 
 
-def run_block(page: Path, line: int, language: str, code: str, namespace: dict[str, object]) -> None:
+def run_block(
+    page: Path, line: int, language: str, code: str, output: str | None, namespace: dict[str, object]
+) -> None:
     if language == "python":
-        exec(compile("\n" * line + code, str(page), "exec"), namespace)
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed):
+            exec(compile("\n" * line + code, str(page), "exec"), namespace)
+        if output is not None:
+            same = doctest.OutputChecker().check_output(output, printed.getvalue(), SHOWN)
+            assert same, f"{name(page)}, line {line}: the block prints\n{printed.getvalue()}"
         return
     example = doctest.DocTestParser().get_doctest(code, namespace, name(page), str(page), line)
     runner = doctest.DocTestRunner(optionflags=SHOWN | doctest.REPORT_NDIFF)
@@ -82,6 +91,14 @@ def test_commands_print_what_is_said(page: Path, tmp_path: Path, monkeypatch: py
 def test_links_lead_somewhere(page: Path) -> None:
     for target in LINK.findall(page.read_text(encoding="utf-8")):
         assert (page.parent / target).exists(), f"{name(page)} links to {target}, which is not there"
+
+
+def test_times_told_in_the_mh12_tutorial_are_those_measured() -> None:
+    rows = json.loads((ROOT / "benchmarks" / "results" / "report_loop.json").read_text(encoding="utf-8"))["rows"]
+    loop, same_rule, *_, solver = (row["nanoseconds"]["median"] for row in rows)
+    page = (ROOT / "docs" / "tutorials" / "mh12_by_screws.md").read_text(encoding="utf-8")
+    for shown in (f"{loop / 1e9:.1f} s", f"{same_rule / 1e6:.2f} ms", f"{solver / 1e3:.1f} µs"):
+        assert f"| {shown} |" in page
 
 
 def test_readme_has_python() -> None:
