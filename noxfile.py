@@ -85,9 +85,10 @@ def rclpy(session: nox.Session) -> None:
 
 @nox.session
 def docs(session: nox.Session) -> None:
-    """Build the documentation; a warning is an error."""
+    """Build the documentation; a warning, a broken link and anything that is fetched from outside is an error."""
     install_pieper(session, "docs")
     session.run("python", "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "docs", "build/docs")
+    session.run("python", "scripts/check_site.py", "build/docs")
 
 
 @nox.session

@@ -22,6 +22,10 @@ html_title = f"Pieper {version}"
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 
+# a link to what is not there is a warning; types are prose here ("(..., 4, 4) array") and no links
+nitpicky = True
+nitpick_ignore_regex = [("py:(class|obj)", ".*")]
+
 # attributes of the same name in several results are told apart by their class
 suppress_warnings = ["ref.python"]
 

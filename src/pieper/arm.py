@@ -181,6 +181,8 @@ class Arm:
         ArrayError
             Nothing reaches the pose, or nothing within the limits; the message says why.
 
+        Examples
+        --------
         >>> arm = load("panda")
         >>> q = [0.1, -0.5, 0.2, -2.0, 0.3, 1.6, 0.7]
         >>> T = arm.fk([0.15, -0.45, 0.2, -2.1, 0.3, 1.7, 0.7])

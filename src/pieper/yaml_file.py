@@ -286,8 +286,8 @@ def read_yaml(
     ------
     OSError
         The file is not there, or cannot be read.
-    VisionError, or `error`
-        It is too large, not UTF-8, not YAML, or has tags, anchors or more than one document.
+    VisionError
+        It is too large, not UTF-8, not YAML, or has tags, anchors or more than one document. Another type, where `error` names one.
 
     Examples
     --------

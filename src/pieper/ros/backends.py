@@ -52,7 +52,7 @@ def open_bus(
     arguments : sequence of str
         Command-line arguments of ROS: ``["--ros-args", "-r", "target:=goal", "-p", "rate:=100.0"]``.
     backend : str, optional
-        See :func:`choose_backend`.
+        See `choose_backend`.
     network : bool
         Bare backend: whether other machines may take part. They are not asked who they are, so the default is this
         machine alone. The rclpy backend follows the settings of its ROS (``ROS_AUTOMATIC_DISCOVERY_RANGE``).

@@ -162,7 +162,7 @@ class Reply:
         return self._sent
 
     def send(self, message: Mapping[str, Any] | object | None = None, /, **fields: Any) -> None:
-        """Answer, with fields as for :meth:`Publisher.send`; from the thread that spins the bus, and once.
+        """Answer, with fields as for `Publisher.send`; from the thread that spins the bus, and once.
 
         Raises
         ------
@@ -387,7 +387,7 @@ class Bus:
     ) -> Any:
         """Wait for the server, send the request, spin until the answer is here, and return it.
 
-        Not from inside a callback: there, use :meth:`Client.send`.
+        Not from inside a callback: there, use `Client.send`.
 
         Parameters
         ----------
