@@ -11,6 +11,8 @@ import io
 import json
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +101,28 @@ def test_times_told_in_the_mh12_tutorial_are_those_measured() -> None:
     page = (ROOT / "docs" / "tutorials" / "mh12_by_screws.md").read_text(encoding="utf-8")
     for shown in (f"{loop / 1e9:.1f} s", f"{same_rule / 1e6:.2f} ms", f"{solver / 1e3:.1f} µs"):
         assert f"| {shown} |" in page
+
+
+def test_broken_links_and_outside_requests_of_a_built_page_are_found(tmp_path: Path) -> None:
+    site = tmp_path / "site"
+    site.mkdir()
+    (site / "good.html").write_text(
+        '<a href="#here">a</a> <p id="here"></p> <a href="https://example.org">elsewhere</a>'
+    )
+    check = [sys.executable, str(ROOT / "scripts" / "check_site.py"), str(site)]
+    assert subprocess.run(check, capture_output=True, check=False).returncode == 0
+    (site / "bad.html").write_text(
+        '<a href="gone.html">a</a> <a href="good.html#there">b</a> <script src="//example.org/x.js"></script>'
+    )
+    (site / "bad.css").write_text("@import 'https://example.org/font.css'; body { background: url(picture.png) }")
+    told = subprocess.run(check, capture_output=True, check=False, text=True)
+    assert told.returncode == 1
+    assert told.stdout.splitlines() == [
+        "bad.html: gone.html is not there",
+        "bad.html: good.html#there has no such place",
+        "bad.html: <script> is fetched from //example.org/x.js",
+        "bad.css: @import 'https://example.org/font.css",
+    ]
 
 
 def test_readme_has_python() -> None:
