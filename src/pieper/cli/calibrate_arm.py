@@ -128,7 +128,7 @@ def _write(found: Calibration, out: Path) -> None:
         text = as_urdf(found.chain)
     else:
         text = json.dumps(plain(screw_record(found.chain)), indent=2)
-    from pieper.yaml_file import write_bytes
+    from pieper.atomic_file import write_bytes
 
     write_bytes(out, (text.rstrip("\n") + "\n").encode())
 

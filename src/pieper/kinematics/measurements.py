@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from pieper.atomic_file import write_text
 from pieper.errors import ArrayError, DescriptionError
 from pieper.spatial import rotation
 
@@ -110,7 +111,7 @@ def write_measurements(path: str | Path, chain: Chain, q: FloatArray, measured: 
         told = [[repr(float(value)) for value in row] for row in whole]
     lines = [",".join(names)]
     lines += [",".join([*(repr(float(value)) for value in row), *rest]) for row, rest in zip(q, told, strict=True)]
-    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def _separator(header: str) -> str:
