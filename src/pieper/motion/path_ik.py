@@ -382,19 +382,19 @@ class _Search:
             last = layers.farthest()
             if last < 0:
                 return self._missed(layers)
-            ended = layers.shortest(last + 1)
-            assert ended is not None
-            ways = [self._across(q, float(self.s[last]), float(self.s[last + 1])) for q in layers.ends(last)]
+            routes = layers.routes(last + 1)
+            ways = [self._across(route.q[-1], float(self.s[last]), float(self.s[last + 1])) for route in routes]
             crossed = [way for way in ways if way[2]]
             known = len(self.s), len(self.extra)
             if not crossed or len(self.s) > _MOST_POSES:
-                return self._broken(last, ended, ways)
+                return self._broken(last, routes, ways)
             for added, q, _ in crossed:
                 for s, values in zip(added, q, strict=True):
                     self.extra[s] = values
             self._add([s for added, _, _ in crossed for s in added])
             if known == (len(self.s), len(self.extra)):  # nothing new to try
-                return self._broken(last, ended, [(added[:-1], q[:-1], False) for added, q, _ in crossed])
+                short = [(added[:-1], q[:-1], False) if arrived else (added, q, False) for added, q, arrived in ways]
+                return self._broken(last, routes, short)
 
     def _add(self, places: list[float]) -> None:
         fresh = np.setdiff1d(np.array(places), self.s)
@@ -425,21 +425,21 @@ class _Search:
                 h *= 0.5
         return ways, values, True
 
-    def _broken(self, last: int, route: _Route, ways: list[tuple[list[float], list[FloatArray], bool]]) -> JointPath:
-        """The path up to the break, with the poses that lead to it."""
-        added, values, _ = max(ways, key=lambda way: way[0][-1] if way[0] else -np.inf)
-        q = route.q
-        branch = route.branch
-        if added and np.abs(self.unturned(values[0], q[-1]) - q[-1]).max() <= LARGEST_STEP:
-            more = np.array(values)
-            shift = self.unturned(more[:1], q[-1]) - more[:1]
-            if ((more + shift >= self.lower - _ROUNDING) & (more + shift <= self.upper + _ROUNDING)).all():
-                q = np.concatenate([q, more + shift])
-                branch = np.concatenate([branch, np.full(len(added), branch[-1])])
-        else:
-            added = []
+    def _broken(
+        self, last: int, routes: list[_Route], ways: list[tuple[list[float], list[FloatArray], bool]]
+    ) -> JointPath:
+        """The path up to the break: the route whose way goes farthest, the cheapest of those, with the poses that lead there."""
+        ends = [way[0][-1] if way[0] else float(self.s[last]) for way in ways]
+        farthest = max(ends)
+        best = min(
+            (k for k, end in enumerate(ends) if end >= farthest - self.precision), key=lambda k: routes[k].cost
+        )
+        added, values, _ = ways[best]
+        q, branch = routes[best].q, routes[best].branch
         given = self.is_given[: last + 1]
-        if len(q) > last + 1:
+        if added:
+            q = np.concatenate([q, np.array(values)])
+            branch = np.concatenate([branch, np.full(len(added), branch[-1])])
             self.s = np.concatenate([self.s[: last + 1], added])
             self.is_given = np.concatenate([given, np.zeros(len(added), dtype=bool)])
         where = float(self.s[len(q) - 1])
@@ -669,14 +669,13 @@ class _Layers:
                 low = middle
         return low
 
-    def ends(self, last: int) -> list[FloatArray]:
-        """Joint values at which routes of so many poses end, each once, within limits."""
-        return [route.q[-1] for route in self._routes(last + 1) if route is not None]
+    def routes(self, poses: int) -> list[_Route]:
+        """Of all pairs of a first and a last answer the cheapest route through the first poses that stays within the limits."""
+        return [route for route in self._routes(poses) if route is not None]
 
     def shortest(self, poses: int) -> _Route | None:
         """The cheapest route through the first poses; None where there is none within the limits."""
-        routes = [route for route in self._routes(poses) if route is not None]
-        return min(routes, key=lambda route: route.cost) if routes else None
+        return min(self.routes(poses), key=lambda route: route.cost, default=None)
 
     def _routes(self, poses: int) -> list[_Route | None]:
         """For each answer that a route can begin with and each that it can end with, the cheapest."""
