@@ -17,7 +17,7 @@ Near a straight wrist joints turn fast for little motion of the tip. That is a p
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -89,6 +89,9 @@ class PathBreak:
         The same in words, with the joint or the direction.
     precision : float
         [m]
+    start : (n,) array or None
+        Where the path breaks at once because the arm stands in a singularity, as with a straight wrist: joint values at the same pose from
+        which it goes on, if there are any [rad or m].
     """
 
     s: float
@@ -96,6 +99,7 @@ class PathBreak:
     reason: Reason
     message: str
     precision: float
+    start: FloatArray | None = None
 
     def __str__(self) -> str:
         return self.message
@@ -353,7 +357,41 @@ class _Search:
             first = self.solver.solve(self.wanted(self.T[:1]))
             self.names = first.branch_names
             self._layered = not first.free
-        return self._by_layers() if self._layered else self._tracked()
+        if self._layered and self.seed is not None and self.target == "pose":
+            metres, radians = pose.distance(self.chain.native.fk(self.seed), self.T[0])
+            if metres <= _SAME and radians <= _SAME and ((self.seed >= self.lower) & (self.seed <= self.upper)).all():
+                self.extra[float(self.s[0])] = (
+                    self.seed
+                )  # in a singularity one of endlessly many answers, of which one is listed
+        found = self._by_layers() if self._layered else self._tracked()
+        broken = found.broken
+        if broken is None or broken.s > 0.0 or broken.reason != "singularity" or self.words is not None:
+            return found
+        # the arm stands in a singularity, where endlessly many joint values reach the pose: those it would come to from the other side
+        ends = np.flatnonzero(self.source.s >= min(FULL_STEP, float(self.source.s[-1])))
+        behind = _Poses.of(self.source.T[: int(ends[0]) + 1][::-1], None, None)
+        way = _Search(self.chain, behind, self.target, self.seed, None, self.precision, self.speeds).run()
+        if way.broken is not None or not len(way.q):
+            return found
+        if self.seed is not None:
+            return replace(found, broken=self._stood_badly(broken, way.q[-1]))
+        again = _Search(self.chain, self.source, self.target, way.q[-1], None, self.precision, self.speeds)
+        return again.run()
+
+    def _stood_badly(self, broken: PathBreak, start: FloatArray) -> PathBreak:
+        """The break of an arm that stands in a singularity, with joint values to begin from."""
+        assert self.seed is not None
+        listed, start = start, self.unturned(start, self.seed)
+        if ((start < self.lower) | (start > self.upper)).any():
+            start = np.array(listed)
+        moves = [
+            f"{name!r} to {value:.6g}"
+            for name, value, here in zip(self.chain.joint_names, start, self.seed, strict=True)
+            if abs(value - here) > _AT_LIMIT
+        ]
+        message = f"{broken.message}; the path goes on from the same pose with {', '.join(moves)}"
+        start.setflags(write=False)
+        return replace(broken, message=message, start=start)
 
     def _result(
         self, rows: int, q: FloatArray, branch: NDArray[np.int64], broken: PathBreak | None, method: Any
@@ -431,9 +469,7 @@ class _Search:
         """The path up to the break: the route whose way goes farthest, the cheapest of those, with the poses that lead there."""
         ends = [way[0][-1] if way[0] else float(self.s[last]) for way in ways]
         farthest = max(ends)
-        best = min(
-            (k for k, end in enumerate(ends) if end >= farthest - self.precision), key=lambda k: routes[k].cost
-        )
+        best = min((k for k, end in enumerate(ends) if end >= farthest - self.precision), key=lambda k: routes[k].cost)
         added, values, _ = ways[best]
         q, branch = routes[best].q, routes[best].branch
         given = self.is_given[: last + 1]

@@ -57,6 +57,7 @@ _SWEEPS = 2  # of joining windows
 _FINEST = 1e-3  # [s] least time between two points where one can be left out: below it, rounding shows in the jerk
 _COARSEST = 0.01  # [s] most time between two points
 _SAFE = 1.0 - 1e-8  # of a limit: what is left to rounding
+_TRIALS = 12  # of a duration at which every limit holds; the last leaves 4 % to rounding
 _REPEATED = 1e-9  # [s of joint motion at the speed limits] points nearer than this are one
 
 
@@ -647,12 +648,16 @@ def _thinned(fixed: FloatArray, more: FloatArray) -> FloatArray:
 
 
 def held(trajectory: Trajectory, limits: JointLimits, tcp: TcpLimits | None) -> Trajectory:
-    """The same motion, slower by what it exceeds a limit, or quicker by what it leaves: the same way in another time."""
-    for _ in range(8):
+    """The same motion, slower by what it exceeds a limit, or quicker by what it leaves: the same way in another time.
+
+    Where points are near each other in time, rounding of their joint values shows in the jerk, and is another one for each duration: then
+    a little more is left to it every time, until all limits hold.
+    """
+    for trial in range(_TRIALS):
         factor = usage(trajectory, limits, tcp).stretch
-        if 1.0 - 1e-6 <= factor <= 1.0:
+        if 1.0 - 1e-6 * 4.0**trial <= factor <= 1.0:
             return trajectory
-        slower = factor * (1.0 + 1e-8)
+        slower = factor * (1.0 + 1e-8 * 4.0**trial)
         assert trajectory.dq is not None
         assert trajectory.ddq is not None
         trajectory = Trajectory(
