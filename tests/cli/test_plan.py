@@ -147,6 +147,21 @@ def test_worlds_that_are_none(pieper_command, tmp_path: Path, text: str, message
     assert message in result.err
 
 
+def test_interrupted_in_the_middle_nothing_is_written(pieper_command, world: Path, tmp_path: Path, monkeypatch) -> None:
+    from pieper.motion import planning
+
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(planning, "search", interrupt)
+    old = tmp_path / "move.csv"
+    old.write_text("old")
+    result = pieper_command("plan", "ur5e", "--world", world, "--from", START, "--to", GOAL, "--out", old)
+    assert result.code == 130
+    assert "interrupted" in result.err
+    assert [path.read_text() for path in tmp_path.glob("*move*")] == ["old"]
+
+
 def test_rounded_corners_are_quicker_than_rests(pieper_command, world: Path, tmp_path: Path) -> None:
     asked = ("plan", "ur5e", "--world", world, "--from", START, "--to", GOAL, "--json")
     rounded, resting = pieper_command(*asked).json, pieper_command(*asked, "--rest").json

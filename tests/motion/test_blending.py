@@ -147,6 +147,34 @@ def test_the_way_back_along_an_edge_rests():
     assert found.rounded[1] == 0.0
 
 
+def test_a_motion_that_is_stopped_at_any_moment_leaves_the_arm_at_rest_within_its_limits():
+    from pieper.sim.kinematic import KinematicSimulator
+
+    model = CollisionModel(UR5E, post())
+    move = plan(model, START, GOAL, timeout=30.0).trajectory(model)
+    lower, upper = UR5E.chain.limits.T
+    for share in np.random.default_rng(2).uniform(0.0, 1.0, 20):
+        robot = KinematicSimulator(UR5E.chain, q=START)
+        robot.follow(move)
+        robot.step(float(share) * move.duration)
+        robot.stop()
+        state = robot.read()
+        assert not state.dq.any()
+        assert ((lower <= state.q) & (state.q <= upper)).all()
+        assert model.with_margin(0.0).is_free(state.q)
+        np.testing.assert_array_equal(robot.step(1.0).q, state.q)
+
+
+def test_what_is_planned_until_it_is_cancelled_can_be_driven():
+    model = CollisionModel(UR5E, post())
+    asked = itertools.count()
+    path = plan(model, START, GOAL, timeout=30.0, cancelled=lambda: next(asked) > 12)
+    assert path.status == "cancelled"
+    move = path.trajectory(model)
+    np.testing.assert_array_equal(move.q[[0, -1]], path.q[[0, -1]])
+    assert model.bounds(sampled(move, 0.01).q, 0.1).min() > 0.0
+
+
 def test_limits_of_the_tip():
     tcp = TcpLimits(velocity=0.3, acceleration=1.0, jerk=10.0)
     found = time_blended(free_edges(CollisionModel(UR5E, post())), np.stack([START, OVER, GOAL]), tcp=tcp)
