@@ -1,6 +1,6 @@
 """Kinematic calibration: the screws of an arm as it was built, from where its tip was measured to be.
 
-Given joint values ``q_k`` and measured positions or poses of the tip, find the arm near the one on paper with
+Given joint values ``q_k`` and measured positions or poses of the tip, find the arm near the one on paper with::
 
     min  sum_k | r_k / sigma_k |^2,     r_k = (p_k - p(q_k),  log(R(q_k)^T R_k)),
 

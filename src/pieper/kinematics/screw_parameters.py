@@ -6,7 +6,7 @@ tip sits elsewhere on its last link. With ``T(q) = exp([S_1] q_1) ... exp([S_m] 
 those along and about a turning axis change nothing, and those that shift a sliding one change nothing either: four and two are left, and
 six for the tip, ``M <- M exp([x])``. That is ``4 r + 2 p + 6`` numbers, as many as any complete model of the geometry has.
 
-The tip then moves by the space twist
+The tip then moves by the space twist::
 
     (Ad(P_{i-1}) - Ad(P_i)) x_i,     P_i = exp([S_1] q_1) ... exp([S_i] q_i),
 
