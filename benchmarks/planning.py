@@ -3,6 +3,7 @@
 python benchmarks/planning.py              measure (a minute or two), write results/planning.json and the figures of docs/guides/planning.md
 python benchmarks/planning.py --shelves 5  fewer random shelves, and nothing is written
 python benchmarks/planning.py --picture    draw docs/images/plan_shelf.png
+python benchmarks/planning.py --motion     how much quicker are motions with rounded corners? writes results/planned_motion.json
 
 18 questions of a KR210 before a shelf with nine cans (from rest before each can, and from rest to each can), and 100 of a UR5e from a pose in one
 bay of a random shelf to a pose in another. Every path is walked again in steps of 2 mm by a judge that shares nothing with the planner:
@@ -20,7 +21,11 @@ import results
 from shelves import MARGIN, Judge, dense, kr210_queries, ur5e_queries
 from table import origin, table
 
+from pieper.motion.blending import time_blended
+from pieper.motion.edges import EdgeCheck
+from pieper.motion.limits import JointLimits
 from pieper.motion.planning import plan
+from pieper.motion.timing import usage
 
 TIMEOUT = 10.0  # [s]
 SPACING = 0.002  # [m] between states that the judge looks at
@@ -68,6 +73,61 @@ def summary(rows: list[dict]) -> dict:
         "states_judged": sum(row["judged"] for row in rows),
         "states_touching": sum(row["touching"] for row in rows),
     }
+
+
+def move(query) -> dict:
+    """The motion along a path, at rest at each point and with rounded corners; judged every 8 ms."""
+    path = plan(query.model, query.q_start, query.goal, timeout=TIMEOUT)
+    row = {"name": query.name, "found": path.found, "points": len(path.q)}
+    if not path.found:
+        return row
+    worked = time.process_time()
+    motion = time_blended(EdgeCheck(query.model), path.q)
+    worked = time.process_time() - worked
+    made = motion.trajectory
+    states = made.sample(np.append(np.arange(0.0, made.duration, 0.008), made.duration)).q
+    judge = Judge(query.model)
+    return row | {
+        "rest_at_each": motion.at_rest,
+        "rounded": made.duration,
+        "corners": int((motion.rounded > 0.0).sum()),
+        "timing_seconds": worked,
+        "limits_used": max(usage(made, JointLimits.of(query.model.chain))),
+        "judged": len(states),
+        "touching": sum(bool(judge.touches(state)) for state in states),
+    }
+
+
+def motions(count: int) -> None:
+    """Measure motions along the paths, and say what came out."""
+    asked = {"KR210, nine slots": kr210_queries(), "UR5e, random shelves": ur5e_queries(count)[0]}
+    rows = {name: [row for row in map(move, queries) if row["found"]] for name, queries in asked.items()}
+    figures = {}
+    for name, each in rows.items():
+        turning = [row for row in each if row["points"] > 2]
+        figures[name] = {
+            "motions": len(each),
+            "with_corners": len(turning),
+            "corners": sum(row["points"] - 2 for row in turning),
+            "corners_rounded": sum(row["corners"] for row in turning),
+            "median_share_of_time": statistics.median(row["rounded"] / row["rest_at_each"] for row in turning),
+            "share_of_time": sum(row["rounded"] for row in turning) / sum(row["rest_at_each"] for row in turning),
+            "median_timing_seconds": statistics.median(row["timing_seconds"] for row in turning),
+            "limits_used": max(row["limits_used"] for row in each),
+            "states_judged": sum(row["judged"] for row in each),
+            "states_touching": sum(row["touching"] for row in each),
+        }
+        print(name, figures[name])
+    if count == 100:
+        results.save(
+            "planned_motion",
+            method="motions along the paths of benchmarks/planning.py within the default limits of joints: duration with rounded corners "
+            "over that with a rest at each point, for paths that have corners; processor time of the timing with its checks; states "
+            "every 8 ms judged by MuJoCo",
+            packages=["ompl", "coal", "mujoco", "ruckig"],
+            figures=figures,
+            rows=results.rounded([row for each in rows.values() for row in each]),
+        )
 
 
 def tell(name: str, figures: dict) -> None:
@@ -120,7 +180,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--shelves", type=int, default=100)
     parser.add_argument("--picture", action="store_true")
+    parser.add_argument("--motion", action="store_true")
     arguments = parser.parse_args()
+    if arguments.motion:
+        motions(arguments.shelves)
+        return
     if arguments.picture:
         query = kr210_queries()[1]
         picture(

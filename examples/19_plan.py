@@ -34,8 +34,10 @@ try:
     print(f"at the start {model.distance(q_start)}")
     path = plan(model, q_start, T_goal)
     print(f"{path}; {len(path.goals)} free answers to go to, at least {1e3 * path.kept:.0f} mm kept all along")
-    move = path.trajectory(ur5e.chain, max_velocity=1.0)
-    print(f"{move.duration:.2f} s at 1 rad/s and less, at rest at each of its {len(path.q)} points")
+    move, resting = path.trajectory(model, max_velocity=1.0), path.trajectory(ur5e.chain, max_velocity=1.0)
+    print(
+        f"{move.duration:.2f} s at 1 rad/s and less, {resting.duration:.2f} s with a rest at each of its {len(path.q)} points"
+    )
     for q in path.q:
         print("  ", q.round(3), "rad")
 

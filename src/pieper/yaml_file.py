@@ -5,16 +5,14 @@ Only plain data: no tags, no anchors, no key twice, within a size and a depth.
 
 from __future__ import annotations
 
-import contextlib
-import os
 import re
-import tempfile
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from pieper.atomic_file import write_text
 from pieper.errors import MissingExtraError, PieperError, VisionError, unknown_name
 
 if TYPE_CHECKING:
@@ -407,31 +405,3 @@ def _simple(data: Any) -> Any:
     if isinstance(data, list | tuple):
         return [_simple(value) for value in data]
     return str(data) if isinstance(data, Path) else data
-
-
-def write_text(path: str | Path, text: str) -> None:
-    """Write a text file, whole or not at all."""
-    write_bytes(path, text.encode())
-
-
-def write_bytes(path: str | Path, raw: bytes) -> None:
-    """Write a file, whole or not at all: beside it under another name first, then in its place."""
-    path = Path(path)
-    beside = None
-    try:
-        handle, beside = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-        with os.fdopen(handle, "wb") as file:
-            file.write(raw)
-            file.flush()
-            os.fsync(file.fileno())
-        mask = os.umask(0)
-        os.umask(mask)
-        Path(beside).chmod(0o666 & ~mask)  # mkstemp gives a file to its owner alone
-        Path(beside).replace(path)
-    except BaseException as error:
-        if beside is not None:
-            with contextlib.suppress(OSError):
-                Path(beside).unlink()
-        if isinstance(error, OSError) and error.errno:
-            error.filename = str(path)  # the file that was wanted, not the one beside it
-        raise

@@ -75,11 +75,40 @@ def test_a_break_is_told_with_its_place(capsys):
         (["--to", START, "--tip-velocity", "nan"], "limit velocity of the tip must be above 0"),
         (["--to", "0,0,4,0,0,0"], "outside its limits"),
         (["--to", START, "--rate", "0"], "rate must be above 0"),
+        (["--to", START, "--rate", "nan"], "rate must be above 0"),
+        (["--to", "nan,0,0,0,0,0"], "must be finite"),
+        (["--to", "inf,0,0,0,0,0"], "must be finite"),
+        (["--from", "nan,0,0,0,0,0", "--to", START], "must be finite"),
+        (["--from", "9,0,0,0,0,0", "--to", START], "at 9 rad is outside its limits"),
+        (["--target", "nan", "0", "0"], "must be finite"),
+        (["--target", "inf", "0", "0", "--straight"], "must be finite"),
+        (["--to", START, "--velocity", "0"], "max_velocity must be above 0"),
+        (["--to", START, "--velocity", "inf"], "max_velocity must be finite"),
+        (["--to", START, "--acceleration", "nan"], "max_acceleration must be finite"),
+        (["--to", START, "--jerk", "inf"], "max_jerk must be finite"),
+        (["--to", START, "--tip-velocity", "0"], "limit velocity of the tip must be above 0"),
+        (["--target", "0.4", "0.3", "0.4", "--quat", "0", "0", "0", "0"], "quaternion xyzw must not be zero"),
     ],
 )
 def test_bad_input_is_refused(arguments, words, capsys):
     assert main(["move", "ur5e", *arguments]) == 2
     assert words in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize("way", [[], ["--straight"]])
+def test_a_move_of_nothing_is_a_point(way, tmp_path):
+    file = tmp_path / "move.csv"
+    assert main(["move", "ur5e", "--from", START, "--to", START, "--rate", "100", "--out", str(file), *way]) == 0
+    made = files.read(file)
+    assert (made.duration, len(made.t)) == (0.0, 1)
+
+
+def test_an_arm_with_a_straight_wrist_is_told_how_to_begin(capsys):
+    assert main(["move", "kr210", "--target", "2.0", "0.3", "1.6", "--straight", "--json"]) == 1
+    said = json.loads(capsys.readouterr().out)
+    assert said["break"]["reason"] == "singularity"
+    start = ",".join(map(str, said["break"]["start"]))
+    assert main(["move", "kr210", "--from", start, "--target", "2.0", "0.3", "1.6", "--straight"]) == 0
 
 
 def test_a_plot_is_drawn(tmp_path):

@@ -70,13 +70,107 @@ def test_what_is_in_the_way_is_told_with_exit_code_1(pieper_command, world: Path
         (["--to", GOAL, "--margin", -1], "margin must be a finite distance"),
         (["--to", GOAL, "--timeout", "nan"], "timeout must be a number of seconds"),
         (["--to", GOAL, "--world", "nowhere.yaml"], "nowhere.yaml: No such file"),
+        (["--to", GOAL, "--margin", 10], "margin must be at most 0.1 of the reach of the arm"),
         (["--to", GOAL, "--out", "move.txt"], "must end in"),
+        (["--to", GOAL, "--out", "nowhere/move.csv"], "nowhere: no such folder"),
+        (["--to", "nan,0,0,0,0,0"], "goal must be finite"),
+        (["--to", "inf,0,0,0,0,0"], "goal must be finite"),
+        (["--target", "nan", 0, 0], "must be finite"),
+        (["--to", GOAL, "--seed", -1], "seed must be a whole number"),
+        (["--to", GOAL, "--velocity", 0], "max_velocity must be above 0"),
+        (["--to", GOAL, "--velocity", "inf"], "max_velocity must be finite"),
+        (["--to", GOAL, "--acceleration", "nan"], "max_acceleration must be finite"),
+        (["--to", GOAL, "--jerk", -1], "max_jerk must be above 0"),
     ],
 )
 def test_bad_input(pieper_command, arguments: list[object], message: str) -> None:
     result = pieper_command("plan", "ur5e", "--from", START, *arguments)
     assert result.code == 2
     assert message in result.err
+
+
+@pytest.mark.parametrize(
+    ("start", "to", "status", "reason"),
+    [
+        ("0,-1.2,1.2,0,0,0", GOAL, "start in collision", "inside post"),
+        (START, "0,-1.2,1.2,0,0,0", "goal in collision", "inside post"),
+        ("9,-1.2,1.2,-1.6,-1.6,0", GOAL, "start out of limits", "'shoulder_pan_joint' at 9 is outside its limits"),
+        (START, "9,-1.2,1.2,-1.6,-1.6,0", "goal out of limits", "'shoulder_pan_joint' at 9 is outside its limits"),
+    ],
+)
+def test_why_there_is_no_motion(pieper_command, world: Path, tmp_path: Path, start, to, status, reason) -> None:
+    out = tmp_path / "move.csv"
+    result = pieper_command("plan", "ur5e", "--world", world, "--from", start, "--to", to, "--out", out, "--json")
+    assert result.code == 1
+    assert result.json["status"] == status
+    assert reason in result.json["reason"]
+    assert result.json["duration"] is None
+    assert not out.exists()  # no motion, no file
+
+
+def test_a_motion_of_nothing(pieper_command, world: Path, tmp_path: Path) -> None:
+    out = tmp_path / "move.csv"
+    result = pieper_command("plan", "ur5e", "--world", world, "--from", START, "--to", START, "--out", out, "--json")
+    assert (result.code, result.json["duration"]) == (0, 0.0)
+    assert files.read(out).duration == 0.0
+
+
+def test_a_start_among_obstacles_that_overlap_it(pieper_command, tmp_path: Path) -> None:
+    world = tmp_path / "w.yaml"
+    world.write_text("obstacles:\n  - {name: ball, sphere: 0.5, position: [0, 0, 0.5]}\n")
+    result = pieper_command("plan", "ur5e", "--world", world, "--from", START, "--to", GOAL)
+    assert result.code == 1
+    assert "start in collision" in result.out
+    assert "inside ball" in result.out
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "obstacles:\n  - {name: a, box: [0.1, -0.1, 0.1]}\n",
+            "w.yaml, line 2, obstacles[0].box: box 'a': size must be positive",
+        ),
+        (
+            "obstacles:\n  - {name: a, box: [0.1, .nan, 0.1]}\n",
+            "w.yaml, line 2, obstacles[0].box: must be a finite number",
+        ),
+        ("obstacles:\n  - {name: a, sphere: .inf}\n", "w.yaml, line 2, obstacles[0].sphere"),
+        ("obstacles:\n  - {name: a, sphere: 1}\n  - {name: a, sphere: 1}\n", "'a'"),
+        ("", "w.yaml, line 1: the file is empty"),
+    ],
+)
+def test_worlds_that_are_none(pieper_command, tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "w.yaml").write_text(text)
+    result = pieper_command("plan", "ur5e", "--to", GOAL, "--world", tmp_path / "w.yaml")
+    assert result.code == 2
+    assert message in result.err
+
+
+def test_interrupted_in_the_middle_nothing_is_written(pieper_command, world: Path, tmp_path: Path, monkeypatch) -> None:
+    from pieper.motion import planning
+
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(planning, "search", interrupt)
+    old = tmp_path / "move.csv"
+    old.write_text("old")
+    result = pieper_command("plan", "ur5e", "--world", world, "--from", START, "--to", GOAL, "--out", old)
+    assert result.code == 130
+    assert "interrupted" in result.err
+    assert [path.read_text() for path in tmp_path.glob("*move*")] == ["old"]
+
+
+def test_rounded_corners_are_quicker_than_rests(pieper_command, world: Path, tmp_path: Path) -> None:
+    asked = ("plan", "ur5e", "--world", world, "--from", START, "--to", GOAL, "--json")
+    rounded, resting = pieper_command(*asked).json, pieper_command(*asked, "--rest").json
+    assert rounded["q"] == resting["q"]
+    assert rounded["duration"] <= resting["duration"]
+    slow = pieper_command(*asked, "--velocity", 0.2, "--out", tmp_path / "slow.json").json
+    assert slow["duration"] > 2.0 * rounded["duration"]
+    move = files.read(tmp_path / "slow.json")
+    assert np.abs(move.sample(np.linspace(0.0, move.duration, 500)).dq).max() <= 0.2 * (1.0 + 1e-6)
 
 
 def test_a_malformed_world(pieper_command, tmp_path: Path) -> None:

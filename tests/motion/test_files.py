@@ -120,20 +120,6 @@ def test_names_that_csv_cannot_hold_are_refused(tmp_path, names):
     assert files.read(tmp_path / "move.json").joint_names == names
 
 
-def test_an_interrupted_write_leaves_the_old_file(tmp_path):
-    file = tmp_path / "move.csv"
-    file.write_text("old")
-
-    def interrupted() -> None:
-        with files.replacing(file) as unfinished:
-            unfinished.write_text("new, but")
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    assert [path.read_text() for path in tmp_path.iterdir()] == ["old"]
-
-
 def test_where_nothing_can_be_written(tmp_path):
     move = Trajectory([0.0], [[1.0]])
     with pytest.raises(FileNotFoundError, match="no such folder"):
@@ -143,11 +129,3 @@ def test_where_nothing_can_be_written(tmp_path):
         files.write(move, tmp_path / "folder.csv")
     with pytest.raises(ArrayError, match="a trajectory file must end in"):
         files.write(move, Path("move"))
-
-
-def test_a_full_disk_is_told_with_the_name_that_was_asked_for(tmp_path):
-    file = tmp_path / "arm.png"
-    with pytest.raises(OSError, match="No space left") as told, files.replacing(file):
-        raise OSError(28, "No space left on device")
-    assert told.value.filename == str(file)
-    assert not list(tmp_path.iterdir())

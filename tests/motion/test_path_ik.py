@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,7 +16,7 @@ from pieper.ik.iteration import iterate
 from pieper.ik.solve import solve
 from pieper.kinematics.fk import fk
 from pieper.kinematics.jacobian import jacobian
-from pieper.motion.path import line
+from pieper.motion.path import join, line
 from pieper.motion.path_ik import follow_path, jump_bound
 from pieper.spatial import pose
 from tests import robots
@@ -47,40 +50,79 @@ def test_a_smooth_joint_motion_is_found_again_from_its_poses(name, seed):
     assert (way.q >= chain.limits[:, 0]).all()
     assert (way.q <= chain.limits[:, 1]).all()
     if chain.dof <= 6:  # no joint to spare: the motion itself, not another one
-        regular = (way.sensitivity < REGULAR)[way.given]  # where branches meet either may be taken
+        # where branches meet either may be taken, and led on from there
+        regular = np.logical_and.accumulate(way.sensitivity < REGULAR)[way.given]
         np.testing.assert_allclose(way.q[way.given][regular], q[regular], rtol=0, atol=1e-4)
 
 
-def cheapest_by_brute_force(chain, Ts, speeds, s) -> float:
-    """Dijkstra's answer by plain loops over layers: the independent truth."""
-    layers = []
-    for T in Ts:
+def apart(q: np.ndarray) -> np.ndarray:
+    """Differences of joint values by less than half a turn."""
+    return np.abs(q - 2 * np.pi * np.rint(q / (2 * np.pi)))
+
+
+def cheapest_by_brute_force(chain, Ts, speeds, s) -> tuple[float, int]:
+    """The independent truth, by a dynamic programme over every answer with every copy by whole turns within the limits.
+
+    The cost of the cheapest route, infinite if there is none, and the last pose that any route comes to. A step may go from an answer to
+    one that is the nearest from either side, and no joint further than `jump_bound`: so no route changes its branch between two poses.
+    """
+    reached, last = np.zeros(0), -1
+    before: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+    for i, T in enumerate(Ts):
         answers = solve(chain, T)
-        layers.append(answers.q[answers.within_limits])
-    cost = np.zeros(len(layers[0]))
-    for i in range(1, len(layers)):
-        following = np.full(len(layers[i]), np.inf)
-        for b, q_b in enumerate(layers[i]):
-            for a, q_a in enumerate(layers[i - 1]):
-                apart = np.abs((q_b - q_a + np.pi) % (2 * np.pi) - np.pi)
-                if apart.max() <= jump_bound(s[i] - s[i - 1]):  # and here no two branches are that near
-                    following[b] = min(following[b], cost[a] + (apart / speeds).sum())
-        cost = following
-    return float(cost.min())
+        listed = answers.q[answers.within_limits]
+        copies, of = [], []
+        for n, q in enumerate(listed):
+            choices = [
+                [q[j] + 2 * np.pi * k for k in range(-3, 4) if low - 1e-9 <= q[j] + 2 * np.pi * k <= high + 1e-9]
+                for j, (low, high) in enumerate(chain.limits)
+            ]
+            more = list(itertools.product(*choices))
+            copies += more
+            of += [n] * len(more)
+        now = np.array(copies).reshape(-1, chain.dof), np.array(of, dtype=int), listed
+        if before is None:
+            reached = np.zeros(len(copies))
+        else:
+            if not len(copies) or not len(reached):
+                break
+            farthest = apart(listed[None] - before[2][:, None]).max(axis=2)
+            near = farthest <= np.maximum(farthest.min(axis=1, keepdims=True), farthest.min(axis=0)) + 1e-9
+            step = np.abs(now[0][None] - before[0][:, None])
+            allowed = (step.max(axis=2) <= jump_bound(s[i] - s[i - 1]) + 1e-9) & near[np.ix_(before[1], now[1])]
+            reached = (np.where(allowed, (step / speeds).sum(axis=2), np.inf) + reached[:, None]).min(axis=0)
+        if not np.isfinite(reached).any():
+            break
+        before, last = now, i
+    return (float(reached.min()) if last == len(Ts) - 1 else np.inf), last
 
 
-@pytest.mark.parametrize("name", ["ur5e", "kuka_kr210_robond", "crx10ia"])
+@pytest.mark.parametrize("name", ["ur5e", "kuka_kr210_robond", "yaskawa_mh12", "crx10ia"])
 def test_the_route_is_the_shortest_of_all(name):
-    chain = pieper.load(name).chain
-    q = np.array([0.3, -0.6, -0.4, 0.7, -0.9, 0.3])
-    T = fk(chain, q)
-    path = line(T, shifted(T, 0.05, -0.1, 0.03))
-    s, Ts = path.sample(count=15)
-    way = follow_path(chain, Ts, max_velocity=2.0)
-    assert way.complete
-    speeds = np.minimum(2.0, chain.max_velocity)
-    cost = (np.abs(np.diff(way.q, axis=0)) / speeds).sum()
-    assert cost == pytest.approx(cheapest_by_brute_force(chain, Ts, speeds, s), rel=1e-9)
+    """Random lines, half of them with narrow limits: as cheap as the brute-force answer, and never broken earlier."""
+    whole = pieper.load(name).chain
+    rng = np.random.default_rng(5)
+    compared = 0
+    for trial in range(12):
+        chain = whole
+        if trial % 2:
+            half, middle = rng.uniform(1.0, 4.0, 6), rng.uniform(-1.0, 1.0, 6)
+            chain = dataclasses.replace(whole, limits=np.stack([middle - half, middle + half], axis=1))
+        lower, upper = np.clip(chain.limits, -6.0, 6.0).T
+        q = rng.uniform(lower, upper)
+        goal = np.clip(q + rng.uniform(-1.0, 1.0, 6), lower, upper)
+        path = line(fk(chain, q), fk(chain, goal))
+        s, Ts = path.sample(count=max(12, int(path.length / 0.03)))
+        way = follow_path(chain, Ts, max_velocity=2.0)
+        speeds = np.minimum(2.0, chain.max_velocity)
+        cost, last = cheapest_by_brute_force(chain, Ts, speeds, s)
+        if way.complete and way.given.all():
+            assert (np.abs(np.diff(way.q, axis=0)) / speeds).sum() == pytest.approx(cost, rel=1e-9)
+            compared += 1
+        elif way.broken is not None:
+            assert cost == np.inf
+            assert way.broken.index >= last
+    assert compared >= 2
 
 
 def test_whole_turns_are_undone_up_to_the_limits():
@@ -143,6 +185,91 @@ def test_a_straight_wrist_is_passed_without_a_jump(off):
     if off == 1e-2:
         assert (~way.given).any()  # smaller steps near the singularity
         assert way.sensitivity.max() > 1e3
+
+
+WRIST = {
+    "kuka_kr210_robond": [0.2, 0.2, -0.3, 0.1, 0.4, 0.2],
+    "ur5e": [0.3, -1.2, 1.4, -1.7, 0.4, 0.3],
+    "yaskawa_mh12": [0.2, 0.2, -0.3, 0.1, -0.5, 0.2],
+}
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-9, 1e-4, 1e-2])
+@pytest.mark.parametrize("name", WRIST)
+def test_a_line_through_the_wrist_singularity_is_driven_within_the_speed_limits(name, off):
+    pytest.importorskip("ruckig")
+    from pieper.motion.limits import JointLimits
+    from pieper.motion.timing import time_path, usage
+
+    chain, q = robots.chain(name), np.array(WRIST[name])
+    other = q * [1, 1, 1, 1, -1, 1] + [0.1, 0.1, 0, 0, 0, 0]
+    A, B = fk(chain, q), fk(chain, other)
+    B[1, 3] += off
+    path = line(A, B)
+    way = follow_path(chain, path, q_start=q)
+    assert way.complete, way.broken
+    assert np.sign(way.q[0, 4]) == -np.sign(way.q[-1, 4]) or way.sensitivity.max() > 300.0  # through it, or just beside
+    np.testing.assert_allclose(fk(chain, way.q), path.at(way.s), rtol=0, atol=REACHED)
+    assert (np.abs(np.diff(way.q, axis=0)).max(axis=1) <= jump_bound(np.diff(way.s)) + 1e-12).all()
+    stated = {"max_velocity": 0.8, "max_acceleration": 3.0, "max_jerk": 30.0}
+    move = time_path(way, **stated)
+    assert max(usage(move, JointLimits.of(chain, **stated))) <= 1.0 + 1e-6
+    assert np.abs(move.sample(np.linspace(0.0, move.duration, 3000)).dq).max() <= 0.8 * (1.0 + 1e-6)
+
+
+@pytest.mark.parametrize("name", WRIST)
+def test_an_arm_that_stands_in_its_singularity_is_told_how_to_begin(name):
+    chain, q = robots.chain(name), np.array(WRIST[name])
+    q[4] = 0.0
+    A = fk(chain, q)
+    path = line(A, shifted(A, -0.1, 0.0, 0.05))
+    way = follow_path(chain, path, q_start=q)
+    assert way.broken is not None
+    assert (way.broken.reason, way.broken.s) == ("singularity", 0.0)
+    np.testing.assert_array_equal(way.q, [q])  # it stays where it is
+    assert "the path goes on from the same pose with" in way.broken.message
+    assert way.broken.start is not None
+    np.testing.assert_allclose(fk(chain, way.broken.start), A, rtol=0, atol=REACHED)
+    assert follow_path(chain, path, q_start=way.broken.start).complete
+    assert follow_path(chain, path).complete  # and where it may begin is left to it
+
+
+@pytest.mark.parametrize("name", WRIST)
+def test_a_path_that_leaves_the_reach_for_a_part_ends_where_it_leaves(name):
+    chain, q = robots.chain(name), WRIST[name]
+    A = fk(chain, q)
+    outward = A[:3, 3] / np.linalg.norm(A[:3, 3])
+    path = join([line(A, shifted(A, *(2.5 * outward))), line(shifted(A, *(2.5 * outward)), shifted(A, 0, 0, 0.1))])
+    way = follow_path(chain, path, q_start=q, step=0.02)
+    assert way.broken is not None
+    assert way.broken.reason == "unreachable"
+    low, high = 0.0, float(path.corners[0])
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if solve(chain, path.at(middle)).reached else (low, middle)
+    assert way.broken.s == pytest.approx(low, abs=2 * way.broken.precision)
+    assert way.q.shape == (len(way.s), 6)
+
+
+@pytest.mark.parametrize("name", WRIST)
+def test_a_limit_on_every_branch_ends_the_path_as_late_as_can_be(name):
+    """The tip turns on and on about its own axis: some joint of every branch comes to its limit, and the branch that lasts longest is taken."""
+    chain, q = robots.chain(name), WRIST[name]
+    turns = np.linspace(0.0, 30.0, 601)
+    A = fk(chain, q)
+    Ts = A @ pose.from_xyz_rpy(np.zeros((601, 3)), np.stack([0 * turns, 0 * turns, turns], axis=1))
+    way = follow_path(chain, Ts)
+    assert way.broken is not None
+    assert way.broken.reason == "limit"
+    joint = next(name for name in chain.joint_names if repr(name) in way.broken.message)
+    j = chain.joint_index(joint)
+    assert np.abs(way.q[-1, j] - chain.limits[j]).min() < 1e-4  # 1e-6 m of length is 1e-5 rad
+    ends = []
+    for label in {str(x) for x in solve(chain, Ts[0]).labels if x}:
+        other = follow_path(chain, Ts, branch=label)
+        assert other.broken is not None
+        ends.append(other.broken.s)
+    assert way.broken.s == pytest.approx(max(ends), abs=1e-5)
 
 
 def test_repeated_poses_are_passed():

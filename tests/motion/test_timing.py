@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -188,6 +189,9 @@ def test_no_code_names_the_way_points_that_ruckig_sends_away():
         text = file.read_text(encoding="utf-8")
         for word in ("intermediate_positions", "per_section_", "filter_intermediate", "max_number_of_waypoints"):
             assert word not in text, f"{file} names {word}"
+        assert "ruckig" not in text or not re.search(r"setattr\(|__setattr__|vars\(|exec\(|eval\(", text), (
+            f"{file} knows Ruckig and sets attributes by names that cannot be read here"
+        )
 
 
 def test_ruckig_is_asked_from_state_to_state_only(monkeypatch):
@@ -208,6 +212,50 @@ def test_ruckig_is_asked_from_state_to_state_only(monkeypatch):
     time_waypoints(chain, [HOME, HOME + 0.2, HOME - 0.1])
     time_path(follow_path(chain, pathology(chain)["rounded"], q_start=HOME, step=0.02))
     assert len(asked) > 3
+
+
+def test_no_motion_is_planned_over_the_network(monkeypatch):
+    """Nothing is sent: with every socket refused in Python, and Ruckig's own client failing if it were asked, motions come out."""
+    import socket
+
+    def refused(*arguments, **named):
+        raise AssertionError("a motion opened a socket")
+
+    for name in ("socket", "create_connection", "getaddrinfo", "socketpair"):
+        monkeypatch.setattr(socket, name, refused)
+    chain = robots.chain("ur5e")
+    assert time_waypoints(chain, [HOME, HOME + 0.2, HOME - 0.1], tcp=TcpLimits(0.3)).duration > 0.0
+    assert time_path(follow_path(chain, pathology(chain)["corner"], q_start=HOME, step=0.02)).duration > 0.0
+
+
+@pytest.mark.skipif(
+    __import__("sys").platform != "linux", reason="threads and sockets of the process are read from /proc"
+)
+def test_ruckig_opens_no_socket_of_its_own():
+    """Ruckig is compiled, so what Python refuses does not bind it: the system is asked which sockets the process has opened and when."""
+    import subprocess
+    import sys
+
+    code = """
+import os, resource
+import numpy as np
+from pieper.model import catalog
+from pieper.motion.timing import time_waypoints
+chain = catalog.describe("ur5e").chain()
+q = np.array([0.3, -1.2, 1.4, -1.7, -1.5, 0.3])
+time_waypoints(chain, [q, q + 0.1])  # everything is loaded
+held = os.listdir("/proc/self/fd")
+resource.setrlimit(resource.RLIMIT_NOFILE, (len(held) - 1, len(held) - 1))  # from here on nothing can be opened
+assert time_waypoints(chain, [q, q + 0.2, q - 0.1]).duration > 0.0
+try:
+    __import__("socket").socket()
+except OSError as error:
+    print("no socket could be opened:", error)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "no socket could be opened" in done.stdout
+    assert "cloud" not in (done.stdout + done.stderr).lower()
 
 
 def test_trajectories_go_to_files_and_messages_and_any_rate(tmp_path):

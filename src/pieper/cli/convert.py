@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pieper.atomic_file import write_text
 from pieper.cli.arguments import ArmName, Base, Json, Nominal, Tip, load
 from pieper.cli.record import screw_record
 from pieper.cli.show import matrix, numbers, plain
@@ -48,7 +49,7 @@ def convert(
     if out is None:
         typer.echo(text, nl=False)
     else:
-        out.write_text(text, encoding="utf-8")
+        write_text(out, text)
         typer.echo(f"wrote {out}", err=True)
     return 0
 

@@ -107,8 +107,8 @@ def _consistency(row: Consistency) -> str:
 def _all(quick: bool, out: Path | None, as_json: bool) -> int:
     from rich.console import Console
 
+    from pieper.atomic_file import write_text
     from pieper.perception import pass_marks
-    from pieper.yaml_file import write_text
 
     screen = Console(stderr=True)
 

@@ -213,9 +213,9 @@ def _tell_hsv(mean: NDArray[np.float64], covariance: NDArray[np.float64]) -> Non
 
 
 def _picture(path: Path, image: NDArray[np.uint8], learned: Learned) -> None:
+    from pieper.atomic_file import write_bytes
     from pieper.perception.color_learning import classified
     from pieper.perception.opencv import opencv
-    from pieper.yaml_file import write_bytes
 
     good, raw = opencv("a preview").imencode(".png", classified(image, learned.model))
     if not good:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pieper.cli import (
+    calibrate_arm,
     calibrate_camera,
     calibrate_field,
     convert,
@@ -69,6 +70,7 @@ for _verb, _summary in {
     view: "Open an arm in the browser.",
     pick: "Pick things and place them in a bin, by physics.",
     convert: "Write an arm as DH rows, screws, URDF, formulas.",
+    calibrate_arm: "The axes of an arm, from measured tips.",
     learn_colour: "Colours, from boxes on frames of a video.",
     calibrate_camera: "A lens, from pictures of a printed board.",
     track: "Follow coloured markers in a video or camera.",

@@ -163,7 +163,7 @@ def _not_reached(why: JointPath | str, as_json: bool) -> int:
                 "reason": reason,
                 "break": None
                 if broken is None
-                else {"s": broken.s, "reason": broken.reason, "precision": broken.precision},
+                else {"s": broken.s, "reason": broken.reason, "precision": broken.precision, "start": broken.start},
             }
         )
     else:

@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pieper.cli.arguments import ArmName, Base, Degrees, Json, Nominal, Quaternion, Rpy, Tip, load, turning
+from pieper.cli.move import Acceleration, Jerk, Out, Velocity
 from pieper.cli.show import console, print_json, print_table
 from pieper.cli.target import seed_values, wanted
-from pieper.errors import ArrayError
+from pieper.errors import ArrayError, PieperError
 
 if TYPE_CHECKING:
     from pieper.arm import Arm
     from pieper.motion.planning import Plan
+    from pieper.motion.trajectory import Trajectory
     from pieper.motion.world import World
 
 
@@ -37,9 +39,13 @@ def plan(
     margin: Annotated[float, typer.Option("--margin", metavar="M", help="Distance that is kept [m].")] = 0.01,
     seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the random search: the same path again.")] = 0,
     timeout: Annotated[float, typer.Option("--timeout", metavar="SECONDS", help="For the search.")] = 5.0,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Write the motion as .csv, .json or .npz.")
-    ] = None,
+    velocity: Velocity = None,
+    acceleration: Acceleration = None,
+    jerk: Jerk = None,
+    rest: Annotated[
+        bool, typer.Option("--rest", help="Rest at each point; corners are rounded where that is free if not given.")
+    ] = False,
+    out: Out = None,
     picture: Annotated[Path | None, typer.Option("--picture", metavar="FILE", help="Draw it into a .png file.")] = None,
     json: Json = False,
     base: Base = None,
@@ -55,6 +61,8 @@ def plan(
         raise ArrayError("say where to go: either --to Q1,Q2,... or --target X Y Z")
     if target is None and (rpy, quaternion) != (None, None):
         raise ArrayError("--rpy and --quat speak of the orientation at a target; give --target X Y Z too")
+    if out is not None and out.suffix.lower() not in files.FORMATS:
+        raise PieperError(f"--out must end in {', '.join(files.FORMATS)}, got {str(out)!r}")
     robot = load(arm, base=base, tip=tip, nominal=nominal)
     around = World() if world is None else read_world(world)
     q_start = seed_values(robot, start, degrees=degrees, option="--from")
@@ -65,14 +73,19 @@ def plan(
         goal = wanted(*target, rpy=rpy, quaternion=quaternion, axis=None, degrees=degrees).target()
     model = CollisionModel(robot, around, margin=margin)
     found = _with_progress(lambda told: planning.plan(model, q_start, goal, seed=seed, timeout=timeout, progress=told))
-    if out is not None and found.found:
-        files.write(found.trajectory(robot.chain), out)
+    motion = None
+    if found.found:
+        motion = found.trajectory(
+            robot.chain if rest else model, max_velocity=velocity, max_acceleration=acceleration, max_jerk=jerk
+        )
+    if out is not None and motion is not None:
+        files.write(motion, out)
     if picture is not None:
         _draw(robot, around, found, picture)
     if json:
-        print_json(_record(found))
+        print_json(_record(found, motion))
     else:
-        _print(robot, found)
+        _print(robot, found, motion)
         for path in (out if found.found else None, picture):
             if path is not None:
                 console().print(f"wrote {path}", markup=False, soft_wrap=True)
@@ -94,7 +107,7 @@ def _with_progress(work: Any) -> Plan:
         return work(told)  # type: ignore[no-any-return]
 
 
-def _print(robot: Arm, found: Plan) -> None:
+def _print(robot: Arm, found: Plan, motion: Trajectory | None) -> None:
     import numpy as np
 
     out = console()
@@ -111,11 +124,13 @@ def _print(robot: Arm, found: Plan) -> None:
             markup=False,
             soft_wrap=True,
         )
+        if motion is not None:
+            out.print(f"       {motion.duration:.3g} s from rest to rest, jerk-limited", markup=False, soft_wrap=True)
     else:
         out.print(f"{found.status}  {found.reason}", style="red", markup=False, soft_wrap=True)
 
 
-def _record(found: Plan) -> dict[str, Any]:
+def _record(found: Plan, motion: Trajectory | None) -> dict[str, Any]:
     pair = found.blocking
     return {
         "found": found.found,
@@ -123,6 +138,7 @@ def _record(found: Plan) -> dict[str, Any]:
         "reason": found.reason,
         "joint_names": list(found.joint_names),
         "q": found.q,
+        "duration": None if motion is None else motion.duration,
         "blocking": None if pair is None else {"first": pair.first, "second": pair.second, "distance": pair.distance},
         "margin": found.margin,
         "kept": found.kept,

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pieper.atomic_file import write_text
 from pieper.errors import ArrayError, DescriptionError, MissingExtraError, unknown_name
 from pieper.model.dh import as_dh
 
@@ -339,7 +340,7 @@ def _listed_joints(
 
 def save(pose: SymbolicPose, path: str | Path) -> None:
     """Write the formulas to a YAML file, see `as_yaml`."""
-    Path(path).write_text(as_yaml(pose), encoding="utf-8")
+    write_text(path, as_yaml(pose))
 
 
 def load(path: str | Path, *, joint_names: Sequence[str] | None = None) -> SymbolicPose:

@@ -128,7 +128,7 @@ class CollisionModel:
     Raises
     ------
     WorldError
-        A negative margin, or a name that is there twice.
+        A margin that is negative or more than a tenth of the reach, or a name that is there twice.
     UnknownNameError
         A name in `allowed` that nothing has.
     MissingExtraError
@@ -169,6 +169,11 @@ class CollisionModel:
             raise WorldError(f"margin must be a finite distance of at least 0 [m], got {margin!r}")
         self._measure = Measure()
         self._place_moving()
+        if self.margin > _NEVER * self.reach_bound > 0.0:
+            raise WorldError(
+                f"margin must be at most {_NEVER:g} of the reach of the arm, {_NEVER * self.reach_bound:.3g} m for {self.chain.name!r}, "
+                f"since links farther apart than that are not looked at; got {self.margin:g} m"
+            )
         self._place_world()
         self._choose_pairs()
 

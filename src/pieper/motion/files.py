@@ -12,22 +12,21 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import json
-import secrets
 import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pieper.atomic_file import replacing
 from pieper.errors import ArrayError
 from pieper.motion.trajectory import Trajectory
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
 FORMATS = (".csv", ".json", ".npz")
 
@@ -102,35 +101,6 @@ def write(trajectory: Trajectory, path: str | os.PathLike[str]) -> None:
     writer = _by_suffix(file, {".csv": _write_csv, ".json": _write_json, ".npz": _write_npz})
     with replacing(file) as unfinished:
         writer(trajectory, unfinished)
-
-
-@contextlib.contextmanager
-def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A name beside `path` to write to: it becomes `path` when all went well, and is removed otherwise, Ctrl-C included.
-
-    >>> import tempfile
-    >>> name = Path(tempfile.mkdtemp()) / "picture.png"
-    >>> with replacing(name) as unfinished:
-    ...     _ = unfinished.write_bytes(b"done")
-    >>> name.read_bytes(), len(list(name.parent.iterdir()))
-    (b'done', 1)
-    """
-    target = Path(path)
-    if target.is_dir():
-        raise IsADirectoryError(21, "is a folder, not a file", str(target))
-    if not target.parent.is_dir():
-        raise FileNotFoundError(2, "no such folder", str(target.parent))
-    # The suffix stays last: writers of pictures and films go by it.
-    unfinished = target.with_name(f".{target.stem}.{secrets.token_hex(4)}.unfinished{target.suffix}")
-    try:
-        yield unfinished
-        unfinished.replace(target)
-    except OSError as error:
-        if error.errno is not None and error.filename in (None, str(unfinished)):
-            raise type(error)(error.errno, error.strerror, str(target)) from error  # the name that was asked for
-        raise
-    finally:
-        unfinished.unlink(missing_ok=True)
 
 
 def _by_suffix(file: Path, choices: dict[str, Callable[..., Any]]) -> Callable[..., Any]:

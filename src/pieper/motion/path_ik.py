@@ -17,7 +17,7 @@ Near a straight wrist joints turn fast for little motion of the tip. That is a p
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -89,6 +89,9 @@ class PathBreak:
         The same in words, with the joint or the direction.
     precision : float
         [m]
+    start : (n,) array or None
+        Where the path breaks at once because the arm stands in a singularity, as with a straight wrist: joint values at the same pose from
+        which it goes on, if there are any [rad or m].
     """
 
     s: float
@@ -96,6 +99,7 @@ class PathBreak:
     reason: Reason
     message: str
     precision: float
+    start: FloatArray | None = None
 
     def __str__(self) -> str:
         return self.message
@@ -353,7 +357,41 @@ class _Search:
             first = self.solver.solve(self.wanted(self.T[:1]))
             self.names = first.branch_names
             self._layered = not first.free
-        return self._by_layers() if self._layered else self._tracked()
+        if self._layered and self.seed is not None and self.target == "pose":
+            metres, radians = pose.distance(self.chain.native.fk(self.seed), self.T[0])
+            if metres <= _SAME and radians <= _SAME and ((self.seed >= self.lower) & (self.seed <= self.upper)).all():
+                self.extra[float(self.s[0])] = (
+                    self.seed
+                )  # in a singularity one of endlessly many answers, of which one is listed
+        found = self._by_layers() if self._layered else self._tracked()
+        broken = found.broken
+        if broken is None or broken.s > 0.0 or broken.reason != "singularity" or self.words is not None:
+            return found
+        # the arm stands in a singularity, where endlessly many joint values reach the pose: those it would come to from the other side
+        ends = np.flatnonzero(self.source.s >= min(FULL_STEP, float(self.source.s[-1])))
+        behind = _Poses.of(self.source.T[: int(ends[0]) + 1][::-1], None, None)
+        way = _Search(self.chain, behind, self.target, self.seed, None, self.precision, self.speeds).run()
+        if way.broken is not None or not len(way.q):
+            return found
+        if self.seed is not None:
+            return replace(found, broken=self._stood_badly(broken, way.q[-1]))
+        again = _Search(self.chain, self.source, self.target, way.q[-1], None, self.precision, self.speeds)
+        return again.run()
+
+    def _stood_badly(self, broken: PathBreak, start: FloatArray) -> PathBreak:
+        """The break of an arm that stands in a singularity, with joint values to begin from."""
+        assert self.seed is not None
+        listed, start = start, self.unturned(start, self.seed)
+        if ((start < self.lower) | (start > self.upper)).any():
+            start = np.array(listed)
+        moves = [
+            f"{name!r} to {value:.6g}"
+            for name, value, here in zip(self.chain.joint_names, start, self.seed, strict=True)
+            if abs(value - here) > _AT_LIMIT
+        ]
+        message = f"{broken.message}; the path goes on from the same pose with {', '.join(moves)}"
+        start.setflags(write=False)
+        return replace(broken, message=message, start=start)
 
     def _result(
         self, rows: int, q: FloatArray, branch: NDArray[np.int64], broken: PathBreak | None, method: Any
@@ -382,19 +420,19 @@ class _Search:
             last = layers.farthest()
             if last < 0:
                 return self._missed(layers)
-            ended = layers.shortest(last + 1)
-            assert ended is not None
-            ways = [self._across(q, float(self.s[last]), float(self.s[last + 1])) for q in layers.ends(last)]
+            routes = layers.routes(last + 1)
+            ways = [self._across(route.q[-1], float(self.s[last]), float(self.s[last + 1])) for route in routes]
             crossed = [way for way in ways if way[2]]
             known = len(self.s), len(self.extra)
             if not crossed or len(self.s) > _MOST_POSES:
-                return self._broken(last, ended, ways)
+                return self._broken(last, routes, ways)
             for added, q, _ in crossed:
                 for s, values in zip(added, q, strict=True):
                     self.extra[s] = values
             self._add([s for added, _, _ in crossed for s in added])
             if known == (len(self.s), len(self.extra)):  # nothing new to try
-                return self._broken(last, ended, [(added[:-1], q[:-1], False) for added, q, _ in crossed])
+                short = [(added[:-1], q[:-1], False) if arrived else (added, q, False) for added, q, arrived in ways]
+                return self._broken(last, routes, short)
 
     def _add(self, places: list[float]) -> None:
         fresh = np.setdiff1d(np.array(places), self.s)
@@ -425,21 +463,19 @@ class _Search:
                 h *= 0.5
         return ways, values, True
 
-    def _broken(self, last: int, route: _Route, ways: list[tuple[list[float], list[FloatArray], bool]]) -> JointPath:
-        """The path up to the break, with the poses that lead to it."""
-        added, values, _ = max(ways, key=lambda way: way[0][-1] if way[0] else -np.inf)
-        q = route.q
-        branch = route.branch
-        if added and np.abs(self.unturned(values[0], q[-1]) - q[-1]).max() <= LARGEST_STEP:
-            more = np.array(values)
-            shift = self.unturned(more[:1], q[-1]) - more[:1]
-            if ((more + shift >= self.lower - _ROUNDING) & (more + shift <= self.upper + _ROUNDING)).all():
-                q = np.concatenate([q, more + shift])
-                branch = np.concatenate([branch, np.full(len(added), branch[-1])])
-        else:
-            added = []
+    def _broken(
+        self, last: int, routes: list[_Route], ways: list[tuple[list[float], list[FloatArray], bool]]
+    ) -> JointPath:
+        """The path up to the break: the route whose way goes farthest, the cheapest of those, with the poses that lead there."""
+        ends = [way[0][-1] if way[0] else float(self.s[last]) for way in ways]
+        farthest = max(ends)
+        best = min((k for k, end in enumerate(ends) if end >= farthest - self.precision), key=lambda k: routes[k].cost)
+        added, values, _ = ways[best]
+        q, branch = routes[best].q, routes[best].branch
         given = self.is_given[: last + 1]
-        if len(q) > last + 1:
+        if added:
+            q = np.concatenate([q, np.array(values)])
+            branch = np.concatenate([branch, np.full(len(added), branch[-1])])
             self.s = np.concatenate([self.s[: last + 1], added])
             self.is_given = np.concatenate([given, np.zeros(len(added), dtype=bool)])
         where = float(self.s[len(q) - 1])
@@ -669,14 +705,13 @@ class _Layers:
                 low = middle
         return low
 
-    def ends(self, last: int) -> list[FloatArray]:
-        """Joint values at which routes of so many poses end, each once, within limits."""
-        return [route.q[-1] for route in self._routes(last + 1) if route is not None]
+    def routes(self, poses: int) -> list[_Route]:
+        """Of all pairs of a first and a last answer the cheapest route through the first poses that stays within the limits."""
+        return [route for route in self._routes(poses) if route is not None]
 
     def shortest(self, poses: int) -> _Route | None:
         """The cheapest route through the first poses; None where there is none within the limits."""
-        routes = [route for route in self._routes(poses) if route is not None]
-        return min(routes, key=lambda route: route.cost) if routes else None
+        return min(self.routes(poses), key=lambda route: route.cost, default=None)
 
     def _routes(self, poses: int) -> list[_Route | None]:
         """For each answer that a route can begin with and each that it can end with, the cheapest."""

@@ -19,10 +19,8 @@ from pieper.ik.target import Target
 from pieper.kinematics.joints import as_joints
 from pieper.motion.collision import DEFAULT_MARGIN, CollisionModel, Nearest, finite_limits
 from pieper.motion.edges import EdgeCheck
-from pieper.motion.joint_move import joint_move
 from pieper.motion.ompl_search import search
 from pieper.motion.shorten import shorten
-from pieper.motion.trajectory import Trajectory
 from pieper.spatial._checks import FloatArray, poses, stack
 
 if TYPE_CHECKING:
@@ -32,6 +30,8 @@ if TYPE_CHECKING:
 
     from pieper.model.chain import Chain
     from pieper.motion.arm_solids import ArmLike
+    from pieper.motion.timing import TcpLimits
+    from pieper.motion.trajectory import Trajectory
     from pieper.motion.world import Item, World
 
 STATUSES = (
@@ -85,6 +85,8 @@ class Plan:
     edges, states : int
         How many edges and states were looked at.
     joint_names : tuple of str
+    rests_at : tuple of int
+        Rows of `q` between the ends at which a motion must rest: where a straight approach begins.
     """
 
     status: str
@@ -99,6 +101,7 @@ class Plan:
     edges: int
     states: int
     joint_names: tuple[str, ...] = field(default=())
+    rests_at: tuple[int, ...] = ()
 
     @property
     def found(self) -> bool:
@@ -111,24 +114,40 @@ class Plan:
         return float(np.linalg.norm(np.diff(self.q, axis=0), axis=1).sum())
 
     def trajectory(
-        self, chain: Chain, *, max_velocity: ArrayLike | None = None, max_acceleration: ArrayLike | None = None
+        self,
+        along: Chain | CollisionModel,
+        *,
+        max_velocity: ArrayLike | None = None,
+        max_acceleration: ArrayLike | None = None,
+        max_jerk: ArrayLike | None = None,
+        tcp: TcpLimits | None = None,
     ) -> Trajectory:
-        """The motion along the path, at rest at each of its points: the edges that were checked, and nothing beside them.
+        """The quickest jerk-limited motion along the path that is found, from rest to rest, within every limit.
 
         Parameters
         ----------
-        chain : Chain
-            Whose limits hold.
-        max_velocity, max_acceleration : float or (n,) array, optional
-            See `pieper.motion.joint_move.joint_move`.
+        along : Chain or CollisionModel
+            With a chain the motion rests at each point: the edges that were checked, and nothing beside them. With the model of the plan
+            corners are rounded where that is quicker and free too, see `pieper.motion.blending.time_blended`.
+        max_velocity, max_acceleration, max_jerk : float or (n,) array, optional
+            See `pieper.motion.limits.JointLimits.of`.
+        tcp : TcpLimits, optional
+            Of the tip.
+
+        Raises
+        ------
+        MissingExtraError
+            Ruckig is not installed (``pip install 'pieper[plan]'``).
         """
-        moves = [
-            joint_move(chain, a, b, max_velocity=max_velocity, max_acceleration=max_acceleration)
-            for a, b in zip(self.q[:-1], self.q[1:], strict=True)
-        ]
-        times = np.concatenate([[0.0], np.cumsum([move.duration for move in moves])])
-        rest = np.zeros_like(self.q)
-        return Trajectory(times, self.q, rest, rest, chain.joint_names)
+        from pieper.motion.blending import time_blended
+        from pieper.motion.timing import time_waypoints
+
+        limits = {"max_velocity": max_velocity, "max_acceleration": max_acceleration, "max_jerk": max_jerk}
+        if not isinstance(along, CollisionModel):
+            return time_waypoints(along, self.q, **limits, tcp=tcp)
+        step = 2.0 * (self.margin - self.kept)
+        edges = EdgeCheck(along, step=step if step <= 2.0 * along.margin else None)
+        return time_blended(edges, self.q, **limits, tcp=tcp, rest_at=self.rests_at).trajectory
 
     def __str__(self) -> str:
         if self.found:
@@ -317,7 +336,9 @@ class _Task:
 
     def _plan(self, status: str, reason: str, q: FloatArray, goal: int, blocking: Nearest | None) -> Plan:
         q, goals = np.array(q), np.array(self.goals if self._ends is None else self._ends)
+        rests_at: tuple[int, ...] = ()
         if status == "found" and self._ends is not None:
+            rests_at = (len(q) - 1,)
             q = np.vstack([q, self._ends[goal]])
         for values in (q, goals):
             values.setflags(write=False)
@@ -334,6 +355,7 @@ class _Task:
             self.edges.edges,
             self.edges.states,
             self.model.chain.joint_names,
+            rests_at,
         )
 
     def too_near(self, pair: Nearest) -> str:

@@ -57,6 +57,7 @@ _SWEEPS = 2  # of joining windows
 _FINEST = 1e-3  # [s] least time between two points where one can be left out: below it, rounding shows in the jerk
 _COARSEST = 0.01  # [s] most time between two points
 _SAFE = 1.0 - 1e-8  # of a limit: what is left to rounding
+_TRIALS = 12  # of a duration at which every limit holds; the last leaves 4 % to rounding
 _REPEATED = 1e-9  # [s of joint motion at the speed limits] points nearer than this are one
 
 
@@ -252,7 +253,7 @@ def time_waypoints(
         for a, b in itertools.pairwise(points)
         if (np.abs(b - a) / limits.velocity).max() > _REPEATED
     ]
-    return _one_after_another(chain, parts, points[-1])
+    return one_after_another(chain, parts, points[-1])
 
 
 def _edge(limits: JointLimits, tcp: TcpLimits | None, start: FloatArray, goal: FloatArray) -> Trajectory:
@@ -281,7 +282,7 @@ def _edge(limits: JointLimits, tcp: TcpLimits | None, start: FloatArray, goal: F
     q[0], q[-1] = start, goal
     for values in (dq, ddq):
         values[0] = values[-1] = 0.0
-    return _held(Trajectory(ends[kept], q, dq, ddq, limits.chain.joint_names), limits, tcp)
+    return held(Trajectory(ends[kept], q, dq, ddq, limits.chain.joint_names), limits, tcp)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -337,10 +338,10 @@ def time_path(
         part = _section(path.q[a : b + 1], limits, tcp or TcpLimits())
         if part is not None:
             parts.append(part)
-    return _one_after_another(chain, parts, path.q[-1])
+    return one_after_another(chain, parts, path.q[-1])
 
 
-class _Bounds(NamedTuple):
+class Bounds(NamedTuple):
     """Of a window: its length, and the largest path speed, acceleration and jerk [by s of joint motion at the speed limits]."""
 
     length: float
@@ -373,7 +374,7 @@ def _section(q: FloatArray, limits: JointLimits, tcp: TcpLimits) -> Trajectory |
     spline = CubicSpline(x, q, bc_type="not-a-knot" if len(x) > 3 else "natural")
     places, sizes, most = _sizes(spline, x, limits, tcp)
     cut = _Cut(places, sizes, most)
-    quickest: list[_Bounds] = []
+    quickest: list[Bounds] = []
     least = np.inf
     for share in _SHARES:
         for count in _WINDOWS:
@@ -382,24 +383,29 @@ def _section(q: FloatArray, limits: JointLimits, tcp: TcpLimits) -> Trajectory |
             time, windows = cut.joined(cut.evenly(count), share, least)
             if time < least:
                 least, quickest = time, windows
-    return _held(_along(spline, x, _profile(quickest), limits), limits, tcp)
+    return held(along(spline, x, profile(quickest), limits), limits, tcp)
 
 
 def _sizes(
     spline: Any, x: FloatArray, limits: JointLimits, tcp: TcpLimits
 ) -> tuple[FloatArray, list[FloatArray], FloatArray]:
     """Places along a path; sizes (r, k) of the first three derivatives there of joints and tip; and their limits (3, r)."""
-    chain = limits.chain
     inner = x[:-1, None] + np.diff(x)[:, None] * np.arange(4) / 4.0
     places = np.append(inner.ravel(), x[-1])
-    q = np.ascontiguousarray(spline(places))
-    d1, d2, d3 = (np.ascontiguousarray(spline(places, k)) for k in (1, 2, 3))
     # at a knot the third derivative is that of the cubic behind it; the one before it has had its turn
+    return places, *sizes_at(limits, tcp, *(np.ascontiguousarray(spline(places, k)) for k in range(4)))
+
+
+def sizes_at(
+    limits: JointLimits, tcp: TcpLimits, q: FloatArray, d1: FloatArray, d2: FloatArray, d3: FloatArray
+) -> tuple[list[FloatArray], FloatArray]:
+    """Sizes (r, k) of three derivatives of joints and, where it has limits, tip, at joint values (k, n); and their limits (3, r)."""
     sizes = [np.abs(d).T for d in (d1, d2, d3)]
     most = np.stack([limits.velocity, limits.acceleration, limits.jerk])
     if tcp.say_something:
-        twist, rate = _tip(chain, q, d1, d2)
-        third = _tip_jerk(chain, q, d1, d2, d3) if np.isfinite(tcp.jerk) else np.zeros((len(q), 3))
+        q, d1, d2, d3 = map(np.ascontiguousarray, (q, d1, d2, d3))
+        twist, rate = _tip(limits.chain, q, d1, d2)
+        third = _tip_jerk(limits.chain, q, d1, d2, d3) if np.isfinite(tcp.jerk) else np.zeros((len(q), 3))
         rows = [
             np.stack([np.linalg.norm(values[:, :3], axis=1), np.linalg.norm(values[:, 3:], axis=1)])
             for values in (twist, rate)
@@ -408,7 +414,7 @@ def _sizes(
         sizes = [np.concatenate(pair) for pair in zip(sizes, rows, strict=True)]
         tip = [[tcp.velocity, tcp.angular_velocity], [tcp.acceleration, tcp.angular_acceleration], [tcp.jerk, np.inf]]
         most = np.concatenate([most, np.array(tip)], axis=1)
-    return places, sizes, most
+    return sizes, most
 
 
 class _Cut:
@@ -426,7 +432,7 @@ class _Cut:
 
     def __init__(self, places: FloatArray, sizes: list[FloatArray], most: FloatArray) -> None:
         self.places, self.sizes, self.most = places, sizes, most
-        self._bounds: dict[tuple[float, float, tuple[float, float, float]], _Bounds] = {}
+        self._bounds: dict[tuple[float, float, tuple[float, float, float]], Bounds] = {}
         with np.errstate(divide="ignore", invalid="ignore"):
             slow = (sizes[0] / most[0][:, None]).max(axis=0)  # 1 / the largest speed there
             for derivative, order in ((1, 2), (2, 3)):
@@ -441,24 +447,22 @@ class _Cut:
         edges[0], edges[-1] = 0.0, self.places[-1]
         return [float(e) for e in np.unique(edges)]
 
-    def windows(self, edges: list[float], share: tuple[float, float, float]) -> list[_Bounds]:
+    def windows(self, edges: list[float], share: tuple[float, float, float]) -> list[Bounds]:
         return [self._window(a, b, share) for a, b in itertools.pairwise(edges)]
 
-    def _window(self, a: float, b: float, share: tuple[float, float, float]) -> _Bounds:
+    def _window(self, a: float, b: float, share: tuple[float, float, float]) -> Bounds:
         if (a, b, share) not in self._bounds:
             low, high = np.searchsorted(self.places, [a, b])
             rows = slice(max(int(low) - 1, 0), int(high) + 1)
             first, second, third = (size[:, rows].max(axis=1) for size in self.sizes)
             velocity, acceleration, jerk = self.most
-            self._bounds[a, b, share] = _bounds(b - a, first, second, third, velocity, acceleration, jerk, share)
+            self._bounds[a, b, share] = bounds(b - a, first, second, third, velocity, acceleration, jerk, share)
         return self._bounds[a, b, share]
 
-    def joined(
-        self, edges: list[float], share: tuple[float, float, float], least: float
-    ) -> tuple[float, list[_Bounds]]:
+    def joined(self, edges: list[float], share: tuple[float, float, float], least: float) -> tuple[float, list[Bounds]]:
         """The time for a cut, and its windows; neighbours are joined where that is quicker, if the cut is near the least time so far."""
         windows = self.windows(edges, share)
-        time = _duration(windows)
+        time = duration(windows)
         if time > 1.3 * least:
             return time, windows
         for _ in range(_SWEEPS):
@@ -466,7 +470,7 @@ class _Cut:
             while k < len(edges) - 1:
                 fewer = edges[:k] + edges[k + 1 :]
                 tried = self.windows(fewer, share)
-                shorter = _duration(tried)
+                shorter = duration(tried)
                 if shorter < time:
                     edges, windows, time = fewer, tried, shorter
                 else:
@@ -476,7 +480,7 @@ class _Cut:
         return time, windows
 
 
-def _bounds(
+def bounds(
     length: float,
     first: FloatArray,
     second: FloatArray,
@@ -485,7 +489,7 @@ def _bounds(
     acceleration: FloatArray,
     jerk: FloatArray,
     share: tuple[float, float, float],
-) -> _Bounds:
+) -> Bounds:
     """Bounds of path speed, acceleration and jerk at which every limit holds for derivatives up to these sizes."""
     with np.errstate(divide="ignore", invalid="ignore"):
         v = float(min(
@@ -497,7 +501,7 @@ def _bounds(
             np.nanmin((acceleration - second * v * v) / first), np.nanmin(share[2] * jerk / (3.0 * second * v)),
         ))  # fmt: skip
         j = float(np.nanmin((jerk - third * v**3 - 3.0 * second * v * a) / first))
-    return _Bounds(length, _SAFE * v, _SAFE * a, _SAFE * j)
+    return Bounds(length, _SAFE * v, _SAFE * a, _SAFE * j)
 
 
 def _change(w0: float, w1: float, a: float, j: float) -> float:
@@ -506,7 +510,7 @@ def _change(w0: float, w1: float, a: float, j: float) -> float:
     return 2.0 * sqrt(change / j) if change * j <= a * a else change / a + a / j
 
 
-def _reachable(w: float, bound: _Bounds, highest: float) -> float:
+def _reachable(w: float, bound: Bounds, highest: float) -> float:
     """The largest speed, up to `highest`, that a window leads to from speed w, or back from it; the way is the mean speed for that time."""
     room = bound.length * (1.0 - 1e-6)
     if highest <= w or 0.5 * (w + highest) * _change(w, highest, bound.a, bound.j) <= room:
@@ -521,7 +525,7 @@ def _reachable(w: float, bound: _Bounds, highest: float) -> float:
     return low
 
 
-def _speeds(windows: list[_Bounds]) -> list[float]:
+def _speeds(windows: list[Bounds]) -> list[float]:
     """The largest speeds between windows that can be reached from rest and brought to rest again."""
     count = len(windows)
     speeds = [0.0] + [min(windows[k].v, windows[k + 1].v) for k in range(count - 1)] + [0.0]
@@ -532,7 +536,7 @@ def _speeds(windows: list[_Bounds]) -> list[float]:
     return speeds
 
 
-def _duration(windows: list[_Bounds]) -> float:
+def duration(windows: list[Bounds]) -> float:
     """The time through the windows; what Ruckig will find, without its profiles."""
     speeds, total = _speeds(windows), 0.0
     for k, (length, v, a, j) in enumerate(windows):
@@ -555,7 +559,7 @@ def _duration(windows: list[_Bounds]) -> float:
     return total
 
 
-def _profile(windows: list[_Bounds]) -> _Profile:
+def profile(windows: list[Bounds]) -> _Profile:
     """The quickest motion through the windows from rest to rest, without acceleration between them."""
     speeds = _speeds(windows)
     ruckig = _ruckig()
@@ -586,7 +590,7 @@ def _profile(windows: list[_Bounds]) -> _Profile:
     return _Profile(t[kept], x[kept], v[kept], a[kept])
 
 
-def _along(spline: Any, knots: FloatArray, profile: _Profile, limits: JointLimits) -> Trajectory:
+def along(spline: Any, knots: FloatArray, profile: _Profile, limits: JointLimits) -> Trajectory:
     """The motion along the path: a point wherever the polynomial of time changes, so that little is left to interpolation."""
     t, x, v, a = profile
     spans = np.diff(t)
@@ -643,13 +647,17 @@ def _thinned(fixed: FloatArray, more: FloatArray) -> FloatArray:
 # ---------------------------------------------------------------------------------------------------------------------
 
 
-def _held(trajectory: Trajectory, limits: JointLimits, tcp: TcpLimits | None) -> Trajectory:
-    """The same motion, slower by what it exceeds a limit, or quicker by what it leaves: the same way in another time."""
-    for _ in range(8):
+def held(trajectory: Trajectory, limits: JointLimits, tcp: TcpLimits | None) -> Trajectory:
+    """The same motion, slower by what it exceeds a limit, or quicker by what it leaves: the same way in another time.
+
+    Where points are near each other in time, rounding of their joint values shows in the jerk, and is another one for each duration: then
+    a little more is left to it every time, until all limits hold.
+    """
+    for trial in range(_TRIALS):
         factor = usage(trajectory, limits, tcp).stretch
-        if 1.0 - 1e-6 <= factor <= 1.0:
+        if 1.0 - 1e-6 * 4.0**trial <= factor <= 1.0:
             return trajectory
-        slower = factor * (1.0 + 1e-8)
+        slower = factor * (1.0 + 1e-8 * 4.0**trial)
         assert trajectory.dq is not None
         assert trajectory.ddq is not None
         trajectory = Trajectory(
@@ -662,7 +670,8 @@ def _held(trajectory: Trajectory, limits: JointLimits, tcp: TcpLimits | None) ->
     return trajectory
 
 
-def _one_after_another(chain: Chain, parts: list[Trajectory], rest: FloatArray) -> Trajectory:
+def one_after_another(chain: Chain, parts: list[Trajectory], rest: FloatArray) -> Trajectory:
+    """Motions from rest to rest as one; at rest at `rest` (n,) where there are none."""
     if not parts:
         still = np.zeros((1, chain.dof))
         return Trajectory(np.zeros(1), rest[None], still, still, chain.joint_names)

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from pieper.atomic_file import write_bytes
 from pieper.errors import VisionError, unknown_name
 from pieper.perception.opencv import opencv
-from pieper.yaml_file import write_bytes
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pieper.atomic_file import write_bytes
 from pieper.errors import VisionError
 from pieper.perception.opencv import opencv
-from pieper.yaml_file import write_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pieper.atomic_file import write_bytes
 from pieper.errors import VisionError
 from pieper.perception import truth
 from pieper.perception.calibration_file import save_camera, save_view
@@ -26,7 +27,7 @@ from pieper.perception.output import VideoFile
 from pieper.perception.pattern import FORMAT, Patterns
 from pieper.perception.scene import Ball, Robot
 from pieper.perception.synthetic import Renderer
-from pieper.yaml_file import write_bytes, write_yaml
+from pieper.yaml_file import write_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Callable

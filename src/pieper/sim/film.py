@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pieper.atomic_file import replacing
 from pieper.errors import ArrayError, MissingExtraError, PieperError
-from pieper.motion.files import replacing
 from pieper.sim.offscreen import import_pillow
 
 if TYPE_CHECKING:

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pieper.arm import Arm
+from pieper.atomic_file import replacing
 from pieper.errors import ArrayError, unknown_name
 from pieper.kinematics.joints import as_joints
 from pieper.model import shape
 from pieper.model.chain import Chain
 from pieper.model.description import Mesh
-from pieper.motion.files import replacing
 from pieper.motion.trajectory import Trajectory
 from pieper.sim.drawing import drawing
 from pieper.sim.meshes import bodies_of_description, bodies_of_shape, read_mesh

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
+from pieper.atomic_file import replacing
 from pieper.errors import ArrayError, MissingExtraError, PieperError
 from pieper.ik.iteration import Step
 from pieper.ik.solve import solve
@@ -26,7 +27,6 @@ from pieper.kinematics.fk import fk_frames
 from pieper.kinematics.joints import as_joints
 from pieper.kinematics.manipulability import distance_to_singularity
 from pieper.kinematics.manipulability import manipulability as _manipulability
-from pieper.motion.files import replacing
 from pieper.motion.trajectory import Trajectory
 from pieper.spatial import rotation
 from pieper.spatial._checks import FloatArray, stack

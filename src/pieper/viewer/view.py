@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pieper.atomic_file import replacing
 from pieper.errors import PieperError
 from pieper.kinematics.joints import as_joints
-from pieper.motion.files import replacing
 from pieper.motion.robot import RobotState
 from pieper.viewer.arm_view import ArmView
 from pieper.viewer.control import Control
