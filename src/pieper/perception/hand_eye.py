@@ -59,6 +59,7 @@ ENOUGH_POSES = 10
 """Fewer are used, and more asked for."""
 
 _ODD = 3.0  # medians: for six Gaussian numbers, far beyond one in a million
+_NEVER_ODD_PIXELS = 0.3  # [px]
 _NEVER_ODD = 1e-7  # [m], with turns at the distance of the board; and below it nothing is odd
 _FAR_OFF = 0.1  # of the distance of the board: more is no noise
 _SUBSETS, _SUBSET = 80, 4
@@ -279,10 +280,19 @@ def calibrate_hand_eye_from_views(
     _observable(turns, axes, camera_on)
     if board.kind == "chessboard":
         B = _turned_alike(A, B, board)
-    X, Y, used, left_out, methods = _robust(A, B, labels, camera_on)
+    X, Y, used, _, methods = _robust(A, B, labels, camera_on)
     X, Y, _ = _refined(X, Y, A[used], B[used])
-    kept = [view for view, use in zip(seen, used, strict=True) if use]
-    X, Y, covariance, rms = _refined_over_pixels(X, Y, A[used], kept, board, camera)
+    for _ in range(_ROUNDS):  # poses from a single image scatter more than its corners do: those decide who is odd
+        kept = [view for view, use in zip(seen, used, strict=True) if use]
+        X, Y, covariance, rms = _refined_over_pixels(X, Y, A[used], kept, board, camera)
+        off = np.array([_pixels_off(X, Y, *one, board, camera) for one in zip(A, seen, strict=True)])
+        now = off <= max(_ODD * float(np.median(off[used])), _NEVER_ODD_PIXELS)
+        if (now == used).all() or now.sum() < LEAST_POSES or _turns(A[now])[0][1] < LEAST_TURN:
+            break
+        used = now
+    left_out = tuple(
+        f"{labels[k]}: {off[k]:.2f} px RMS off, where the others have {np.median(off[used]):.2f}" for k in np.flatnonzero(~used)
+    )
     found = _result(camera_on, X, Y, covariance, A, B, labels, used, left_out, methods)
     return replace(found, pixel_rms=rms)
 
@@ -689,6 +699,13 @@ def _refined_over_pixels(
     alone = bread * float(r @ r) / max(len(r) - 12, 1)
     covariance = clustered if np.trace(clustered[:6, :6]) > np.trace(alone[:6, :6]) else alone
     return X, Y, covariance, float(np.sqrt((r @ r) / (len(r) / 2)))
+
+
+def _pixels_off(X: FloatArray, Y: FloatArray, A: FloatArray, view: BoardView, board: Board, camera: Camera) -> float:
+    """RMS distance of the corners of a view from where they should be [px]."""
+    T = pose.inverse(A @ X) @ Y
+    uv = camera.project(board.corners[view.ids] @ T[:3, :2].T + T[:3, 3])
+    return float(np.sqrt(np.square(np.nan_to_num(uv - view.uv, nan=1e3)).sum(axis=1).mean()))
 
 
 def _result(

@@ -311,6 +311,23 @@ class MujocoSimulator(Simulator):
         joint.qvel = np.zeros(6)
         self._mujoco.mj_forward(self.model, self.data)
 
+    def positions(self, q: ArrayLike, places: Mapping[str, FloatArray] | None = None) -> FloatArray:
+        """MuJoCo's positions as they would be with the arm and some things elsewhere, to be drawn; nothing moves.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Joint values [rad or m].
+        places : mapping of str to (4, 4) array, optional
+            Things that move, and where in the world.
+        """
+        positions = np.array(self.data.qpos)
+        positions[self._q] = self.chain.coupling @ np.asarray(q, dtype=np.float64)
+        for name, T in (places or {}).items():
+            first = int(self.model.joint(self._thing(name)).qposadr[0])
+            positions[first : first + 7] = np.concatenate([T[:3, 3], quaternion(T[:3, :3])])
+        return positions
+
     def speed(self, name: str) -> float:
         """How fast a thing moves, and its surface at 0.1 m from its middle turns, together [m/s]."""
         if not self.scene.object(name).moves:

@@ -446,7 +446,7 @@ class PickAndPlace:
         """Where the target is, if it can be gripped."""
         T = self.look(self._target)
         if T is None:
-            raise _FailedError(f"{self._target} is not seen")
+            raise _FailedError(f"{self._target} is not seen", lost=True)
         T = np.asarray(T)
         if T.shape != (4, 4) or not np.isfinite(T).all():
             raise _FailedError(f"the pose of {self._target} must be a finite (4, 4) array, got {T.tolist()}")
