@@ -11,14 +11,23 @@ from pieper.cli.show import console
 from pieper.errors import ArrayError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from pieper.sim.scene_view import Recording
     from pieper.tasks.pick import Cycle, PickAndPlace, Stage
+    from pieper.tasks.see import SeeAndPick, SeeTask
 
 _FILM_SIZE = "640x480"
 
 
 def pick(
     arm: Annotated[str, typer.Option("--arm", metavar="ARM", help="kr210, ur10e, mh12 or youbot.")] = "kr210",
+    see: Annotated[
+        bool,
+        typer.Option(
+            "--see", help="Cans anywhere on a table, in random light, found by a camera that is calibrated first; kr210 or ur10e."
+        ),
+    ] = False,
     cycles: Annotated[
         int, typer.Option("--cycles", metavar="N", help="How many things to pick, one after another.")
     ] = 9,
@@ -39,8 +48,9 @@ def pick(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print the count only, not the stages.")] = False,
 ) -> int:
     """Pick things out of slots and place them in a bin, with contact physics; 0 when all are placed, 1 when not."""
+    from contextlib import ExitStack
+
     from pieper.sim import film
-    from pieper.sim.scene_view import Recording
     from pieper.tasks.pick import PickAndPlace
     from pieper.tasks.pick_log import PickLog
     from pieper.tasks.pick_tasks import task
@@ -52,7 +62,8 @@ def pick(
     pixels = _size(size)
     if record is not None:
         film.check_format(record)
-    wanted = task(arm)
+    sight = _by_sight(arm) if see else None
+    wanted = task(arm) if sight is None else sight.pick
     kept = None if log is None else PickLog(log, wanted.name, seed)
     done: list[Cycle] = [] if kept is None else kept.done[:cycles]
     out = console()
@@ -72,9 +83,10 @@ def pick(
                 str(stage), style=None if stage.succeeded else "red", markup=False, highlight=False, soft_wrap=True
             )
 
-    run = PickAndPlace(wanted, seed=seed, log=told)
+    eyes = ExitStack()
+    run = PickAndPlace(wanted, seed=seed, log=told) if sight is None else eyes.enter_context(_seeing(sight, seed, told))
     if record is not None:
-        filmed.append(Recording(run.robot, fps=fps, speed=speed))
+        filmed.append(_recording(run, fps, speed))
     closing = _shown(run) if view else None
     first = len(done) + 1
     interrupted = False
@@ -90,6 +102,7 @@ def pick(
         interrupted = True
         run.robot.stop()
     finally:
+        eyes.close()
         if closing is not None:
             closing()
     if record is not None and filmed[0].moments:
@@ -100,6 +113,36 @@ def pick(
             out.print(f"the same command goes on after cycle {len(done)}", markup=False)
         raise KeyboardInterrupt
     return code
+
+
+def _by_sight(arm: str) -> SeeTask:
+    from pieper.tasks.see import see_task
+
+    return see_task(arm)
+
+
+def _seeing(sight: SeeTask, seed: int, told: Callable[[Stage], None]) -> SeeAndPick:
+    """A run by sight; says where its camera is."""
+    from pieper.tasks.see import SeeAndPick, calibrate_cell
+
+    found = calibrate_cell(sight, seed=seed)
+    x, y, z = found.T_mount_camera[:3, 3]
+    console().print(
+        f"camera at ({x:.4f}, {y:.4f}, {z:.4f}) m +- {1e3 * max(found.position_deviation):.2f} mm, from {int(found.used.sum())} views of a board, "
+        f"{found.pixel_rms:.2f} px RMS",
+        markup=False, highlight=False, soft_wrap=True,
+    )  # fmt: skip
+    return SeeAndPick(sight, seed=seed, calibration=found, log=told)
+
+
+def _recording(run: PickAndPlace, fps: float, speed: float) -> Recording:
+    from pieper.sim.scene_view import Recording
+
+    if not hasattr(run, "looks"):
+        return Recording(run.robot, fps=fps, speed=speed)
+    from pieper.tasks.see_film import SeeRecording
+
+    return SeeRecording(run, fps=fps, speed=speed)
 
 
 def _next_stage(stage: Stage) -> str:

@@ -15,11 +15,13 @@ import numpy as np
 
 from pieper.errors import ArrayError
 from pieper.perception.opencv import opencv
+from pieper.perception.overlay import draw_seen
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from pieper.perception.camera import Camera
+    from pieper.perception.frame import Image
     from pieper.spatial._checks import FloatArray
 
 LEAST_AGREEMENT = 0.82
@@ -31,6 +33,7 @@ SMALLEST = 60
 _RIM = 48  # points around each end
 _TURNS, _NEAR, _STEP = 8, 1e-6, 1e-3  # of Newton, [m]
 _PATCHES = 4
+_SHIFT = 4  # OpenCV draws at sixteenths of a pixel
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,3 +194,12 @@ def _agreement(one: FloatArray, other: FloatArray) -> float:
     cv2 = opencv("finding a cylinder")
     shared, _ = cv2.intersectConvexConvex(one.astype(np.float32), other.astype(np.float32))
     return float(shared / max(_area(one) + _area(other) - shared, 1e-9))
+
+
+def draw_upright(image: Image, found: Upright, color: tuple[int, int, int] = (255, 255, 255)) -> None:
+    """Draw what was seen into an image (blue, green, red): the outline of the patch in black, that of a cylinder there, and a cross at its middle."""
+    cv2 = opencv("drawing over frames")
+    for outline, ink, width in ((found.expected, (255, 255, 255), 5), (found.seen, (0, 0, 0), 3), (found.expected, color, 2)):
+        fixed = np.round(outline * 2**_SHIFT).astype(np.int32).reshape(-1, 1, 2)
+        cv2.polylines(image, [fixed], True, ink, width, cv2.LINE_AA, _SHIFT)
+    draw_seen(image, _middle(found.expected), "")

@@ -140,7 +140,7 @@ def _kr210() -> SeeTask:
         *_cans(area, height, radius, length, 1.0),
     )
     cameras = (
-        SceneCamera.looking("corner", [3.9, -3.0, 2.5], [0.9, 0.7, 0.75]),
+        SceneCamera.looking("corner", [4.3, -3.5, 2.9], [1.4, 0.9, 0.35]),
         SceneCamera.looking(EYE, [1.75, -1.75, 2.9], [1.7, 0.05, 0.5]),
     )
     drop = at(0.1, 2.3, 1.25) @ DOWN @ np.linalg.inv(hand.T_tip_mount)
@@ -164,7 +164,7 @@ def _ur10e() -> SeeTask:
         *_cans(area, height, radius, length, 0.25),
     )
     cameras = (
-        SceneCamera.looking("corner", [1.6, -1.3, 0.9], [0.4, 0.25, 0.0]),
+        SceneCamera.looking("corner", [2.0, -1.75, 1.25], [0.58, 0.33, 0.02]),
         SceneCamera.looking(EYE, [0.65, -0.75, 1.05], [0.62, 0.02, -0.05]),
     )
     drop = at(0.0, 0.85, 0.15) @ DOWN
