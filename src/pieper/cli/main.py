@@ -18,6 +18,7 @@ import typer
 from pieper.cli import (
     calibrate_camera,
     calibrate_field,
+    calibrate_hand_eye,
     convert,
     evaluate,
     fk,
@@ -72,6 +73,7 @@ for _verb, _summary in {
     learn_colour: "Colours, from boxes on frames of a video.",
     calibrate_camera: "A lens, from pictures of a printed board.",
     track: "Follow coloured markers in a video or camera.",
+    calibrate_hand_eye: "Where a camera is on a robot.",
     calibrate_field: "Where the field lies before a camera.",
     synthesize: "A film of robots with markers, with exact truth.",
     evaluate: "Tracks against the truth.",

@@ -25,7 +25,8 @@ def pick(
     see: Annotated[
         bool,
         typer.Option(
-            "--see", help="Cans anywhere on a table, in random light, found by a camera that is calibrated first; kr210 or ur10e."
+            "--see",
+            help="Cans anywhere on a table, in random light, found by a camera that is calibrated first; kr210 or ur10e.",
         ),
     ] = False,
     cycles: Annotated[
@@ -137,12 +138,12 @@ def _seeing(sight: SeeTask, seed: int, told: Callable[[Stage], None]) -> SeeAndP
 
 def _recording(run: PickAndPlace, fps: float, speed: float) -> Recording:
     from pieper.sim.scene_view import Recording
-
-    if not hasattr(run, "looks"):
-        return Recording(run.robot, fps=fps, speed=speed)
+    from pieper.tasks.see import SeeAndPick
     from pieper.tasks.see_film import SeeRecording
 
-    return SeeRecording(run, fps=fps, speed=speed)
+    if isinstance(run, SeeAndPick):
+        return SeeRecording(run, fps=fps, speed=speed)
+    return Recording(run.robot, fps=fps, speed=speed)
 
 
 def _next_stage(stage: Stage) -> str:

@@ -161,9 +161,9 @@ def _seen_places(camera: Camera, board: Board, rng: np.random.Generator) -> Floa
         share = rng.uniform(_SMALLEST, _LARGEST)
         distance = focal * max(width, height) / (share * float(size.min()))
         tilt, towards, roll = MOST_TILT * np.sqrt(rng.uniform()), rng.uniform(0, 2 * np.pi), rng.uniform(-np.pi, np.pi)
-        R = rotation.from_rotation_vector(tilt * np.array([np.cos(towards), np.sin(towards), 0.0])) @ rotation.from_rotation_vector(
-            np.array([0.0, 0.0, roll])
-        )
+        R = rotation.from_rotation_vector(
+            tilt * np.array([np.cos(towards), np.sin(towards), 0.0])
+        ) @ rotation.from_rotation_vector(np.array([0.0, 0.0, roll]))
         ray = camera.directions(size * rng.uniform(0.2, 0.8, 2))
         T = pose.from_position_rotation(distance * ray - R @ middle, R)
         uv = camera.project(outer @ R.T + T[:3, 3])
@@ -178,12 +178,13 @@ def _reached(
     arm: Arm, hand: FloatArray, near: FloatArray, usable: Callable[[FloatArray], bool] | None
 ) -> tuple[FloatArray, FloatArray]:
     """Which of the poses the arm reaches, and the joint values nearest to where it is."""
-    rows, kept = [], []
+    rows: list[int] = []
+    kept: list[FloatArray] = []
     for row, T in enumerate(hand):
         found = arm.ik(T, near)
         answers = np.asarray(found.q)[np.asarray(found.within_limits)]
-        order = np.argsort(np.abs(answers - near).max(axis=1), kind="stable") if len(answers) else []
-        q = next((answers[k] for k in order if usable is None or usable(answers[k])), None)
+        nearest_first = answers[np.argsort(np.abs(answers - near).max(axis=1, initial=0.0), kind="stable")]
+        q = next((answer for answer in nearest_first if usable is None or usable(answer)), None)
         if q is not None:
             rows.append(row)
             kept.append(q)
@@ -213,12 +214,13 @@ def _chosen(information: FloatArray, before: FloatArray, count: int, *, far: flo
         worth[rows] = np.inf
         rows.append(int(np.argmin(worth)))
         total = total + information[rows[-1]]
-    return rows, np.linalg.inv(total)
+    return rows, np.asarray(np.linalg.inv(total), dtype=np.float64)
 
 
 def _in_short_order(q: FloatArray, near: FloatArray, rows: list[int]) -> list[int]:
     """From where the arm is, always on to the nearest."""
-    left, at, order = list(range(len(rows))), near, []
+    left, at = list(range(len(rows))), near
+    order: list[int] = []
     while left:
         k = min(left, key=lambda row: float(np.abs(q[row] - at).max()))
         left.remove(k)

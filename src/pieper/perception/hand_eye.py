@@ -24,7 +24,7 @@ Rousseeuw, "Least median of squares regression", J. American Statistical Associa
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -273,7 +273,9 @@ def calibrate_hand_eye_from_views(
     """
     seen = list(views)
     if len(seen) != len(np.atleast_1d(np.asarray(Ts_base_tcp, dtype=object))):
-        raise VisionError(f"there must be a view for every pose, got {len(seen)} views and {len(np.asarray(Ts_base_tcp))} poses")
+        raise VisionError(
+            f"there must be a view for every pose, got {len(seen)} views and {len(np.asarray(Ts_base_tcp))} poses"
+        )
     Ts_camera_target = np.array([board_pose(view, board, camera) for view in seen]).reshape(-1, 4, 4)
     A, B, labels = _checked(Ts_base_tcp, Ts_camera_target, camera_on, [view.name for view in seen])
     turns, axes = _turns(A)
@@ -291,7 +293,8 @@ def calibrate_hand_eye_from_views(
             break
         used = now
     left_out = tuple(
-        f"{labels[k]}: {off[k]:.2f} px RMS off, where the others have {np.median(off[used]):.2f}" for k in np.flatnonzero(~used)
+        f"{labels[k]}: {off[k]:.2f} px RMS off, where the others have {np.median(off[used]):.2f}"
+        for k in np.flatnonzero(~used)
     )
     found = _result(camera_on, X, Y, covariance, A, B, labels, used, left_out, methods)
     return replace(found, pixel_rms=rms)
@@ -353,7 +356,9 @@ def _poses(values: ArrayLike, name: str) -> FloatArray:
             raise VisionError(f"{name}[{k}] must be finite, got NaN or infinity")
         away = float(abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max())
         if away > 1e-4 or np.linalg.det(T[:3, :3]) < 0 or abs(T[3] - (0, 0, 0, 1)).max() > 1e-9:
-            raise VisionError(f"{name}[{k}] is no pose: its 3x3 block is {away:.2g} from a rotation, or its last row is not 0 0 0 1")
+            raise VisionError(
+                f"{name}[{k}] is no pose: its 3x3 block is {away:.2g} from a rotation, or its last row is not 0 0 0 1"
+            )
     Ts[:, :3, :3] = rotation.nearest(Ts[:, :3, :3])
     return Ts
 
@@ -532,7 +537,7 @@ def _robust(
     for name, form in forms.items():
         try:
             X, Y = form(A[used], B[used])
-        except Exception:  # noqa: BLE001, S112  OpenCV gives up in ways of its own; the others go on
+        except Exception:  # noqa: BLE001  OpenCV gives up in ways of its own; the others go on
             continue
         if np.isfinite(X).all() and np.isfinite(Y).all() and rotation.deviation(X[:3, :3]).max() < 1e-6:
             solved.append((_rms(_distance(X, Y, A[used], B[used])), name, X, Y))
@@ -544,7 +549,9 @@ def _robust(
         p, w = _left_over(X_form, Y_form, A[used], B[used])
         away = pose.distance(X_form, refined)
         methods.append(
-            Method(name, _rms(np.linalg.norm(p, axis=1)), _rms(np.linalg.norm(w, axis=1)), float(away[0]), float(away[1]))
+            Method(
+                name, _rms(np.linalg.norm(p, axis=1)), _rms(np.linalg.norm(w, axis=1)), float(away[0]), float(away[1])
+            )
         )
     usual = float(np.median(d[used]))
     X_far = _left_over(refined, _mean_target(refined, A[used], B[used]), A, B)
@@ -566,7 +573,9 @@ def _agreeing(A: FloatArray, B: FloatArray) -> tuple[FloatArray, NDArray[np.bool
         return best, everyone
     rng = np.random.default_rng(0)
     every = list(combinations(range(n), _SUBSET))
-    chosen = every if len(every) <= _SUBSETS else [sorted(rng.choice(n, _SUBSET, replace=False)) for _ in range(_SUBSETS)]
+    chosen = (
+        every if len(every) <= _SUBSETS else [sorted(rng.choice(n, _SUBSET, replace=False)) for _ in range(_SUBSETS)]
+    )
     for rows in chosen:
         some = np.array(rows)
         if _turns(A[some])[0][1] < LEAST_TURN:
@@ -674,7 +683,7 @@ def _refined(X: FloatArray, Y: FloatArray, A: FloatArray, B: FloatArray) -> tupl
         position = max(float(np.sqrt((p**2).sum() / free)), _FLOOR)
         turn = max(float(np.sqrt((w**2).sum() / free)), _FLOOR)
     J = _slopes(of, X, Y)
-    return X, Y, np.linalg.inv(J.T @ J)
+    return X, Y, np.asarray(np.linalg.inv(J.T @ J), dtype=np.float64)
 
 
 def _refined_over_pixels(
@@ -688,12 +697,14 @@ def _refined_over_pixels(
     def of(X: FloatArray, Y: FloatArray) -> FloatArray:
         Ts = pose.inverse(X) @ inverse_A @ Y
         p = np.concatenate([q @ T[:3, :3].T + T[:3, 3] for q, T in zip(points, Ts, strict=True)])
-        return np.nan_to_num(camera.project(p) - uv, nan=1e3).reshape(-1)  # beyond the reach of the lens: far off
+        return np.asarray(
+            np.nan_to_num(camera.project(p) - uv, nan=1e3).reshape(-1)
+        )  # beyond the reach of the lens: far off
 
     X, Y = _least_squares(of, X, Y)
     r, J = of(X, Y), _slopes(of, X, Y)
     bread = np.linalg.inv(J.T @ J)
-    pulls = np.array([J[a:b].T @ r[a:b] for a, b in zip(rows[:-1], rows[1:], strict=True)])
+    pulls = np.array([J[a:b].T @ r[a:b] for a, b in pairwise(rows)])
     n = len(views)
     clustered = bread @ (pulls.T @ pulls) @ bread * (n / max(n - 2, 1))  # twelve numbers use up two poses of six
     alone = bread * float(r @ r) / max(len(r) - 12, 1)

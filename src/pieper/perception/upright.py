@@ -118,7 +118,9 @@ def locate_upright(
     return best
 
 
-def cylinder_outline(camera: Camera, T_base_camera: FloatArray, p_base: FloatArray, radius: float, length: float) -> FloatArray:
+def cylinder_outline(
+    camera: Camera, T_base_camera: FloatArray, p_base: FloatArray, radius: float, length: float
+) -> FloatArray:
     """Return the outline of an upright cylinder about `p_base`, ``(k, 2)`` [px]; NaN when it is not all before the camera."""
     turn = np.linspace(0.0, 2.0 * np.pi, _RIM, endpoint=False)
     rim = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.full(_RIM, 0.5 * length)], axis=1)
@@ -164,7 +166,7 @@ def _stood(
         if not np.isfinite(J).all() or abs(np.linalg.det(J)) < 1e-6:
             return None
         step = np.linalg.solve(J, goal - here)
-        p = p + (*step, 0.0)
+        p = p + np.append(step, 0.0)
         if np.abs(step).max() < _NEAR:
             break
     expected = cylinder_outline(camera, T, p, radius, length)
@@ -199,7 +201,11 @@ def _agreement(one: FloatArray, other: FloatArray) -> float:
 def draw_upright(image: Image, found: Upright, color: tuple[int, int, int] = (255, 255, 255)) -> None:
     """Draw what was seen into an image (blue, green, red): the outline of the patch in black, that of a cylinder there, and a cross at its middle."""
     cv2 = opencv("drawing over frames")
-    for outline, ink, width in ((found.expected, (255, 255, 255), 5), (found.seen, (0, 0, 0), 3), (found.expected, color, 2)):
+    for outline, ink, width in (
+        (found.expected, (255, 255, 255), 5),
+        (found.seen, (0, 0, 0), 3),
+        (found.expected, color, 2),
+    ):
         fixed = np.round(outline * 2**_SHIFT).astype(np.int32).reshape(-1, 1, 2)
         cv2.polylines(image, [fixed], True, ink, width, cv2.LINE_AA, _SHIFT)
     draw_seen(image, _middle(found.expected), "")

@@ -25,7 +25,6 @@ from pieper.perception.board import Board
 from pieper.perception.calibration import BoardView
 from pieper.perception.camera import Camera
 from pieper.perception.capture_plan import plan_captures
-from pieper.perception.color import ColorModel
 from pieper.perception.color_learning import Region, learn
 from pieper.perception.hand_eye import HandEyeCalibration, calibrate_hand_eye_from_views
 from pieper.perception.masks import color_masks
@@ -46,6 +45,7 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
+    from pieper.perception.color import ColorModel
     from pieper.perception.color_table import ColorTable
     from pieper.tasks.mover import Mover
     from pieper.tasks.pick import Stage
@@ -169,17 +169,18 @@ def _ur10e() -> SeeTask:
     )
     drop = at(0.0, 0.85, 0.15) @ DOWN
     above = np.array([0.0, -1.5, 1.7, -1.75, -1.57, 0.0])
-    turned = (above + [waist, 0.0, 0.0, 0.0, 0.0, 0.0] for waist in (-0.3, 0.4))
+    waist = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    turned = tuple(above + turn * waist for turn in (-0.3, 0.4))
     pick = PickTask(
         "ur10e sees", load("ur10e"), hand, Scene(things, cameras, floor=floor), tuple(COLORS), at(0.0, 0.0, 0.025) @ DOWN, drop,
-        np.array([[-0.25, 0.625, floor], [0.25, 1.075, floor + 0.3]]), above + [1.3, 0.0, 0.0, 0.0, 0.0, 0.0], postures=tuple(turned),
+        np.array([[-0.25, 0.625, floor], [0.25, 1.075, floor + 0.3]]), above + 1.3 * waist, postures=turned,
         approach=0.12, clearance=0.08, lift=0.05, drop_step=0.06,
     )  # fmt: skip
     return SeeTask(pick, area, height, 0.17, "charuco:5x4:0.045:0.034", at(0.0, 0.0, 0.22))
 
 
 def _cans(area: FloatArray, height: float, radius: float, length: float, mass: float) -> tuple[SceneObject, ...]:
-    ys = np.linspace(*area[:, 1], len(COLORS))
+    ys = np.linspace(area[0, 1], area[1, 1], len(COLORS))
     return tuple(
         SceneObject(name, Cylinder(radius, length), at(float(area[:, 0].mean()), float(y), height + 0.5 * length), mass=mass, color=color, friction=0.9)
         for y, (name, color) in zip(ys, COLORS.items(), strict=True)
@@ -216,7 +217,10 @@ def calibrate_cell(task: SeeTask, *, seed: int = 0) -> HandEyeCalibration:
     T_plate_target = at(-0.5 * board.size[0], 0.5 * board.size[1], 0.005) @ np.diag([1.0, -1.0, -1.0, 1.0])
     fixed = tuple(thing for thing in task.pick.scene.objects if not thing.moves)
     robot = MujocoSimulator(
-        task.pick.arm, q=task.pick.q_home, scene=replace(task.pick.scene, objects=(*fixed, plate)), gripper=task.pick.gripper
+        task.pick.arm,
+        q=task.pick.q_home,
+        scene=replace(task.pick.scene, objects=(*fixed, plate)),
+        gripper=task.pick.gripper,
     )
     T_tip_target = task.T_tip_board @ T_plate_target
     plan = plan_captures(
@@ -227,7 +231,11 @@ def calibrate_cell(task: SeeTask, *, seed: int = 0) -> HandEyeCalibration:
     views, hands = [], []
     with SceneView(robot, EYE, size=SIZE) as view:
         for k, q in enumerate(plan.q):
-            found = board.find(np.ascontiguousarray(view.image(robot.positions(q, {"board": task.pick.arm.fk(q) @ task.T_tip_board}))[..., ::-1]))
+            found = board.find(
+                np.ascontiguousarray(
+                    view.image(robot.positions(q, {"board": task.pick.arm.fk(q) @ task.T_tip_board}))[..., ::-1]
+                )
+            )
             if found is not None:
                 views.append(BoardView(f"capture {k + 1}", *found))
                 hands.append(task.pick.arm.fk(q + rng.normal(0.0, _ENCODER_NOISE, q.shape)))
@@ -246,7 +254,9 @@ def _printed(board: Board) -> Image:
 def _about(T: FloatArray, rng: np.random.Generator) -> FloatArray:
     """A pose as a ruler measures it."""
     turn = rotation.from_rotation_vector(rng.normal(0.0, _RULER[1], 3) / np.sqrt(3.0))
-    return pose.from_position_rotation(T[:3, 3] + rng.uniform(-1.0, 1.0, 3) * _RULER[0] / np.sqrt(3.0), T[:3, :3] @ turn)
+    return pose.from_position_rotation(
+        T[:3, 3] + rng.uniform(-1.0, 1.0, 3) * _RULER[0] / np.sqrt(3.0), T[:3, :3] @ turn
+    )
 
 
 # --------------------------------------------------------------------------------------------------------------------
@@ -288,8 +298,8 @@ def random_places(task: SeeTask, rng: np.random.Generator) -> dict[str, FloatArr
     else:
         raise ArrayError(f"the area has no room for {len(task.pick.targets)} cans that are {task.apart} m apart")
     return {
-        name: at(*map(float, spot), task.height + 0.5 * task.can(name).length, yaw=float(rng.uniform(-np.pi, np.pi)))
-        for name, spot in zip(task.pick.targets, spots, strict=True)
+        name: at(float(x), float(y), task.height + 0.5 * task.can(name).length, yaw=float(rng.uniform(-np.pi, np.pi)))
+        for name, (x, y) in zip(task.pick.targets, spots, strict=True)
     }
 
 
@@ -340,7 +350,9 @@ class SeeAndPick(PickAndPlace):
         mover: Mover | None = None, log: Callable[[Stage], None] | None = None,
     ) -> None:  # fmt: skip
         pick = task.pick
-        way = mover or DirectMover(pick.arm, speed=pick.speed, blocked=self.blocked, postures=(pick.q_home, *pick.postures))
+        way = mover or DirectMover(
+            pick.arm, speed=pick.speed, blocked=self.blocked, postures=(pick.q_home, *pick.postures)
+        )
         super().__init__(pick, seed=seed, mover=way, look=self.see, log=log)
         self.sight = task
         self.calibration = calibrate_cell(task, seed=seed) if calibration is None else calibration
@@ -380,7 +392,12 @@ class SeeAndPick(PickAndPlace):
     def _located(self, mask: NDArray[np.uint8], name: str) -> Upright | None:
         can = self.sight.can(name)
         return locate_upright(
-            mask, self.camera, self.calibration.T_base_camera(), radius=can.radius, length=can.length, height=self.sight.height
+            mask,
+            self.camera,
+            self.calibration.T_base_camera(),
+            radius=can.radius,
+            length=can.length,
+            height=self.sight.height,
         )
 
     def blocked(self, q: FloatArray) -> str:
@@ -421,4 +438,5 @@ class SeeAndPick(PickAndPlace):
 
 def _upright(p: FloatArray) -> FloatArray:
     """A can looks the same from all around: turned so that the fingers come across the arm."""
-    return at(*map(float, p), yaw=float(np.arctan2(p[1], p[0])))
+    x, y, z = (float(part) for part in p)
+    return at(x, y, z, yaw=float(np.arctan2(y, x)))
