@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, get_args
 import numpy as np
 
 from pieper.errors import VisionError, unknown_name
-from pieper.perception.hand_eye import CameraOn, _left_over, _slopes
+from pieper.perception.hand_eye import CameraOn, _pose_slopes
 from pieper.spatial import pose, rotation
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ POSITION_NOISE, ROTATION_NOISE = 1e-3, float(np.radians(0.2))
 """Of the pose of a board, for the choice and for what is foretold [m], [rad]."""
 
 _SMALLEST, _LARGEST = 0.25, 0.75  # of the image's width, for the board's
+_FINEST = 3.0  # pixels of the modules of a marker
 _BORDER = 0.04  # of the image that the board keeps clear
 _WEAK = 1e-6  # information that is there from the start, so that the first pose can be chosen
 _FEWEST = 3
@@ -166,6 +167,8 @@ def _seen_places(camera: Camera, board: Board, rng: np.random.Generator) -> Floa
         ) @ rotation.from_rotation_vector(np.array([0.0, 0.0, roll]))
         ray = camera.directions(size * rng.uniform(0.2, 0.8, 2))
         T = pose.from_position_rotation(distance * ray - R @ middle, R)
+        if board.module * focal * np.cos(tilt) / distance < _FINEST:
+            continue
         uv = camera.project(outer @ R.T + T[:3, 3])
         if np.isfinite(uv).all() and (uv > _BORDER * size).all() and (uv < (1 - _BORDER) * size).all():
             found.append(T)
@@ -193,13 +196,7 @@ def _reached(
 
 def _information(X: FloatArray, Y: FloatArray, A: FloatArray) -> FloatArray:
     """Of each pose about the twelve numbers of camera and board, (k, 12, 12)."""
-    B = pose.inverse(A @ X) @ Y
-
-    def of(X: FloatArray, Y: FloatArray) -> FloatArray:
-        p, w = _left_over(X, Y, A, B)
-        return np.concatenate([p / POSITION_NOISE, w / ROTATION_NOISE], axis=1)
-
-    J = _slopes(of, X, Y)
+    J = _pose_slopes(X, Y, A, pose.inverse(A @ X) @ Y) / np.repeat([POSITION_NOISE, ROTATION_NOISE], 3)[:, None]
     return np.asarray(np.swapaxes(J, 1, 2) @ J)
 
 

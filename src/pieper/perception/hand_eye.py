@@ -18,6 +18,8 @@ Park, Martin, "Robot sensor calibration: solving AX = XB on the Euclidean group"
 
 Shah, "Solving the robot-world/hand-eye calibration problem using the Kronecker product", J. Mechanisms and Robotics 2013, section 3.
 
+Barfoot, "State estimation for robotics", Cambridge 2017, section 7.1.5: derivatives on rotations.
+
 Rousseeuw, "Least median of squares regression", J. American Statistical Association 1984.
 """
 
@@ -61,10 +63,13 @@ ENOUGH_POSES = 10
 _ODD = 3.0  # medians: for six Gaussian numbers, far beyond one in a million
 _NEVER_ODD_PIXELS = 0.3  # [px]
 _NEVER_ODD = 1e-7  # [m], with turns at the distance of the board; and below it nothing is odd
+_PLAIN = 0.01  # of the distance of the board: with less, nobody has to ask what was meant
 _FAR_OFF = 0.1  # of the distance of the board: more is no noise
 _SUBSETS, _SUBSET = 80, 4
 _ROUNDS = 12
 _STEP = 1e-6  # of the differences that make derivatives [m], [rad]
+_STEPS, _HALVINGS = 30, 12  # of Gauss and Newton
+_NO_STEP, _NO_GAIN = 1e-13, 1e-14
 _FLOOR = 1e-10  # [m], [rad] noise below which rounding decides
 
 
@@ -281,7 +286,8 @@ def calibrate_hand_eye_from_views(
     turns, axes = _turns(A)
     _observable(turns, axes, camera_on)
     if board.kind == "chessboard":
-        B = _turned_alike(A, B, board)
+        B, turned = _turned_alike(A, B, board)
+        seen = [replace(view, ids=view.ids[::-1].copy()) if t else view for view, t in zip(seen, turned, strict=True)]
     X, Y, used, _, methods = _robust(A, B, labels, camera_on)
     X, Y, _ = _refined(X, Y, A[used], B[used])
     for _ in range(_ROUNDS):  # poses from a single image scatter more than its corners do: those decide who is odd
@@ -519,16 +525,18 @@ def _robust(
     d, used = _agreeing(A, B)
     n = len(A)
     far = float(np.median(np.linalg.norm(B[:, :3, 3], axis=1)))
-    if np.median(d) > _FAR_OFF * far:
+    usual = float(np.median(d[used]))
+    meant = "" if usual < _PLAIN * far and used.all() else _otherwise(A, B, camera_on, usual)
+    if usual > _FAR_OFF * far or meant:
         raise VisionError(
-            f"the poses do not belong together: half of them are off by {np.median(d):.2g} m and more, with the board {far:.2g} m away; "
-            f"{_otherwise(A, B, camera_on)}"
+            f"the poses do not belong together: half of them are off by {usual:.2g} m and more, with the board {far:.2g} m away; "
+            f"{meant or f'is the camera on the {camera_on}, as was said, and is the tip of the arm the one whose poses were given?'}"
         )
-    if n - used.sum() > max(1, n // 3) or (used.sum() < LEAST_POSES):
+    if n - used.sum() > max(1, n // 4) or used.sum() < LEAST_POSES:
         odd = ", ".join(labels[k] for k in np.flatnonzero(~used))
         raise VisionError(
-            f"the poses contradict each other: {n - int(used.sum())} of {n} would have to be left out ({odd}); did the board or the camera move, is "
-            f"the size of the board right? {_otherwise(A, B, camera_on)}"
+            f"the poses contradict each other: {n - int(used.sum())} of {n} would have to be left out ({odd}); did the board or the camera move, or "
+            "did the arm not stand still, and is the size of the board right?"
         )
     turns, axes = _turns(A[used])
     _observable(turns, axes, camera_on)
@@ -553,7 +561,6 @@ def _robust(
                 name, _rms(np.linalg.norm(p, axis=1)), _rms(np.linalg.norm(w, axis=1)), float(away[0]), float(away[1])
             )
         )
-    usual = float(np.median(d[used]))
     X_far = _left_over(refined, _mean_target(refined, A[used], B[used]), A, B)
     left_out = tuple(
         f"{labels[k]}: {1e3 * np.linalg.norm(X_far[0][k]):.3g} mm and {np.degrees(np.linalg.norm(X_far[1][k])):.3g} deg off, "
@@ -596,33 +603,24 @@ def _agreeing(A: FloatArray, B: FloatArray) -> tuple[FloatArray, NDArray[np.bool
     return best, used
 
 
-def _otherwise(A: FloatArray, B: FloatArray, camera_on: CameraOn) -> str:
-    """What would make the poses agree, in words."""
-    here = float(np.median(_agreeing(A, B)[0]))
+def _otherwise(A: FloatArray, B: FloatArray, camera_on: CameraOn, usual: float) -> str:
+    """What would make the poses agree ten times better, in words; empty when nothing."""
     other = "cell" if camera_on == "hand" else "hand"
-    for words, A_other, B_other in (
-        (f"camera_on='{other}'", pose.inverse(A), B),
-        ("the inverse of Ts_camera_target", A, pose.inverse(B)),
-        ("the inverse of Ts_base_tcp", pose.inverse(A), B),
-    ):
-        if np.median(_agreeing(A_other, B_other)[0]) < 0.1 * here:
-            return f"with {words} they agree"
-    return f"is the camera on the {camera_on}, as was said, and is the tip of the arm the one whose poses were given?"
+    d, used = _agreeing(pose.inverse(A), B)  # the same equation as with B the other way round, X and Y changing places
+    if used.all() and np.median(d) < 0.1 * usual:
+        return f"with camera_on='{other}', or with the inverse of Ts_camera_target, they agree"
+    return ""
 
 
-def _turned_alike(A: FloatArray, B: FloatArray, board: Board) -> FloatArray:
-    """Poses of a chessboard, each turned by half a turn where that agrees with the others."""
+def _turned_alike(A: FloatArray, B: FloatArray, board: Board) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Poses of a chessboard, those that contradict the others turned by half a turn where that makes them agree; and which."""
     half = np.diag([-1.0, -1.0, 1.0, 1.0])
     half[:2, 3] = board.size
-    out = B.copy()
-    for _ in range(_ROUNDS):
-        X, Y = _by_product(A, out)
-        turned = out @ half
-        better = _distance(X, Y, A, turned) < _distance(X, Y, A, out)
-        if not better.any() or better.sum() > len(A) // 2:
-            break
-        out[better] = turned[better]
-    return out
+    _, used = _agreeing(A, B)
+    X, Y, _ = _refined(*_by_product(A[used], B[used]), A[used], B[used])
+    turned = B @ half
+    better = ~used & (_distance(X, Y, A, turned) < _distance(X, Y, A, B))
+    return np.where(better[:, None, None], turned, B), better
 
 
 # --------------------------------------------------------------------------------------------------------------------
@@ -649,40 +647,83 @@ def _slopes(of: Callable[[FloatArray, FloatArray], FloatArray], X: FloatArray, Y
 
 
 def _least_squares(
-    of: Callable[[FloatArray, FloatArray], FloatArray], X: FloatArray, Y: FloatArray
+    of: Callable[[FloatArray, FloatArray], FloatArray],
+    slopes: Callable[[FloatArray, FloatArray], FloatArray],
+    X: FloatArray,
+    Y: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    from scipy.optimize import least_squares
-
-    for _ in range(2):  # again from where it ended, for the parameters are small turns from there
-        found = least_squares(
-            lambda v, X=X, Y=Y: of(_moved(X, v[:6]), _moved(Y, v[6:])),
-            np.zeros(12),
-            jac=lambda v, X=X, Y=Y: _slopes(of, _moved(X, v[:6]), _moved(Y, v[6:])),
-            method="lm",
-            xtol=1e-14,
-            ftol=1e-14,
-            gtol=1e-14,
-        ).x
-        X, Y = _moved(X, found[:6]), _moved(Y, found[6:])
+    """Gauss and Newton on the poses themselves: a step is a shift and a turn from where they are, halved while it does not help."""
+    r = of(X, Y)
+    cost = float(r @ r)
+    for _ in range(_STEPS):
+        step = np.linalg.lstsq(slopes(X, Y), -r, rcond=None)[0]
+        for _ in range(_HALVINGS):
+            X_next, Y_next = _moved(X, step[:6]), _moved(Y, step[6:])
+            r_next = of(X_next, Y_next)
+            if float(r_next @ r_next) <= cost:
+                break
+            step = step / 2
+        else:
+            break
+        gained = cost - float(r_next @ r_next)
+        X, Y, r, cost = X_next, Y_next, r_next, float(r_next @ r_next)
+        if np.abs(step).max() < _NO_STEP or gained <= _NO_GAIN * cost:
+            break
     return X, Y
+
+
+def _pose_slopes(X: FloatArray, Y: FloatArray, A: FloatArray, B: FloatArray) -> FloatArray:
+    """Derivatives of `_left_over` by the twelve numbers, (n, 6, 12)."""
+    n = len(A)
+    R_A, R_X, R_Y, R_B = A[:, :3, :3], X[:3, :3], Y[:3, :3], B[:, :3, :3]
+    arm = B[:, :3, 3] @ R_X.T  # from the camera to the board, in the axes of the mount
+    reach = np.einsum("nij,nj->ni", R_A, arm + X[:3, 3]) + A[:, :3, 3] - Y[:3, 3]
+    to_target = R_Y.T @ R_A
+    _, w = _left_over(X, Y, A, B)
+    out = np.zeros((n, 6, 12))
+    out[:, :3, :3] = to_target
+    out[:, :3, 3:6] = -to_target @ _cross(arm)
+    out[:, :3, 6:9] = -R_Y.T
+    out[:, :3, 9:] = R_Y.T @ _cross(reach)
+    out[:, 3:, 3:6] = _inverse_right_jacobian(w) @ np.swapaxes(R_X @ R_B, 1, 2)
+    out[:, 3:, 9:] = -_inverse_right_jacobian(w) @ np.swapaxes(R_A @ R_X @ R_B, 1, 2)
+    return out
+
+
+def _cross(v: FloatArray) -> FloatArray:
+    """The matrices of ``v x``, (n, 3, 3)."""
+    M = np.zeros((len(v), 3, 3))
+    M[:, 0, 1], M[:, 0, 2], M[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
+    return M - np.swapaxes(M, 1, 2)
+
+
+def _inverse_right_jacobian(w: FloatArray) -> FloatArray:
+    """Of the exponential map of rotations: ``log(exp(w) exp(d)) = w + J^-1 d`` (Barfoot 2017, eq. 7.77), (n, 3, 3)."""
+    angle = np.linalg.norm(w, axis=1)
+    small = angle < 1e-4
+    safe = np.where(small, 1.0, angle)
+    share = np.where(small, 1.0 / 12.0, 1.0 / safe**2 - (1.0 + np.cos(safe)) / (2.0 * safe * np.sin(safe)))
+    M = _cross(w)
+    return np.asarray(np.eye(3) + 0.5 * M + share[:, None, None] * (M @ M))
 
 
 def _refined(X: FloatArray, Y: FloatArray, A: FloatArray, B: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Least squares over poses; position and rotation weigh by their own noise, which is read from what is left. Returns (12, 12) covariance too."""
     far = float(np.median(np.linalg.norm(B[:, :3, 3], axis=1)))
-    position, turn = 1.0, 1.0 / max(far, 1e-6)
+    weights = np.array([1.0, 1.0, 1.0, *[max(far, 1e-6)] * 3])
     free = 3 * len(A) - 6
+
+    def of(X: FloatArray, Y: FloatArray) -> FloatArray:
+        return (np.concatenate(_left_over(X, Y, A, B), axis=1) * weights).reshape(-1)
+
+    def slopes(X: FloatArray, Y: FloatArray) -> FloatArray:
+        return (_pose_slopes(X, Y, A, B) * weights[:, None]).reshape(-1, 12)
+
     for _ in range(3):
-
-        def of(X: FloatArray, Y: FloatArray, position: float = position, turn: float = turn) -> FloatArray:
-            p, w = _left_over(X, Y, A, B)
-            return np.concatenate([p / position, w / turn], axis=1).reshape(-1)
-
-        X, Y = _least_squares(of, X, Y)
-        p, w = _left_over(X, Y, A, B)
-        position = max(float(np.sqrt((p**2).sum() / free)), _FLOOR)
-        turn = max(float(np.sqrt((w**2).sum() / free)), _FLOOR)
-    J = _slopes(of, X, Y)
+        X, Y = _least_squares(of, slopes, X, Y)
+        noise = [max(float(np.sqrt((part**2).sum() / free)), _FLOOR) for part in _left_over(X, Y, A, B)]
+        weights = 1.0 / np.repeat(noise, 3)
+    J = slopes(X, Y)
     return X, Y, np.asarray(np.linalg.inv(J.T @ J), dtype=np.float64)
 
 
@@ -701,7 +742,7 @@ def _refined_over_pixels(
             np.nan_to_num(camera.project(p) - uv, nan=1e3).reshape(-1)
         )  # beyond the reach of the lens: far off
 
-    X, Y = _least_squares(of, X, Y)
+    X, Y = _least_squares(of, lambda X, Y: _slopes(of, X, Y), X, Y)
     r, J = of(X, Y), _slopes(of, X, Y)
     bread = np.linalg.inv(J.T @ J)
     pulls = np.array([J[a:b].T @ r[a:b] for a, b in pairwise(rows)])

@@ -62,6 +62,9 @@ SIZE = (640, 480)
 COLORS = {"red can": "#c42f2f", "green can": "#2c9a48", "blue can": "#2b5fd0"}
 """Of the cans."""
 
+BIN = "#84888c"
+"""Grey: of none of the colours that are looked for."""
+
 LIGHT_SPREAD, CAST_SPREAD = 0.5, 0.12
 """Standard deviations of the light and of its colour that the cans are known under, as logarithms; more than a tracker needs, for here it jumps."""
 
@@ -136,7 +139,7 @@ def _kr210() -> SeeTask:
     area = np.array([[1.35, -0.65], [2.05, 0.65]])
     things = (
         *table("table", center=(1.7, 0.0), size=(1.0, 1.7), height=height),
-        *open_box("bin", center=(0.1, 2.3), size=(1.0, 0.9, 0.75)),
+        *open_box("bin", center=(0.1, 2.3), size=(1.0, 0.9, 0.75), color=BIN),
         *_cans(area, height, radius, length, 1.0),
     )
     cameras = (
@@ -160,7 +163,7 @@ def _ur10e() -> SeeTask:
     things = (
         *table("table", center=(0.63, 0.0), size=(0.55, 0.95), height=height, floor=floor, thickness=0.02),
         *table("stand", center=(0.0, 0.0), size=(0.36, 0.36), height=-0.005, floor=floor),
-        *open_box("bin", center=(0.0, 0.85), size=(0.5, 0.45, 0.3), floor=floor),
+        *open_box("bin", center=(0.0, 0.85), size=(0.5, 0.45, 0.3), floor=floor, color=BIN),
         *_cans(area, height, radius, length, 0.25),
     )
     cameras = (
@@ -263,7 +266,7 @@ def _about(T: FloatArray, rng: np.random.Generator) -> FloatArray:
 # what the cans look like
 
 
-def learn_cans(task: SeeTask, *, seed: int = 0, pictures: int = 4) -> ColorModel:
+def learn_cans(task: SeeTask, *, seed: int = 0, pictures: int = 6) -> ColorModel:
     """Learn the colours of the cans from boxes on a few pictures, each in another light, as ``pieper learn-colour`` does.
 
     The boxes are those that a person would draw around the cans.
