@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -173,7 +172,7 @@ def test_poses_of_which_half_contradict_are_refused():
 
 def test_the_solvers_of_opencv_are_asked_where_it_has_them(monkeypatch):
     """Its Python package 5.0.0 has only their names: there, stand-ins that get and give what the real ones do."""
-    X, Y, hands, seen = made_up(8, 10)
+    _, Y, hands, seen = made_up(8, 10)
     if not hasattr(cv2, "calibrateHandEye"):
 
         def stacked(R, t):
@@ -257,10 +256,12 @@ def test_corners_say_who_is_odd():
     X = pose.from_xyz_rpy([0.0, 0.0, 0.1], [0.0, 0.0, 0.0])
     middle = np.array([0.1, 0.08, 0.0])
     turns = rotation.from_rotation_vector(rng.uniform(-0.4, 0.4, (10, 3)))
-    seen = pose.from_position_rotation(rng.uniform(-0.03, 0.03, (10, 3)) + [0, 0, 0.4] - turns @ middle, turns)
+    seen = pose.from_position_rotation(
+        np.array([0, 0, 0.4]) + rng.uniform(-0.03, 0.03, (10, 3)) - turns @ middle, turns
+    )
     hands = Y @ pose.inverse(seen) @ pose.inverse(X)
     views = [BoardView(f"{k}.png", *corners(T)) for k, T in enumerate(seen)]
-    views[4] = BoardView("4.png", views[4].ids, views[4].uv + [6.0, 0.0])
+    views[4] = BoardView("4.png", views[4].ids, views[4].uv + np.array([6.0, 0.0]))
     found = calibrate_hand_eye_from_views(hands, views, BOARD, CAMERA)
     assert np.flatnonzero(~found.used).tolist() == [4]
     assert found.left_out[0].startswith("4.png: ")
@@ -276,7 +277,7 @@ def test_a_chessboard_that_was_found_upside_down_is_turned():
     X, Y = pose.from_xyz_rpy([0.0, 0.0, 0.1], [0.0, 0.2, 0.0]), pose.from_xyz_rpy([0.5, 0.0, 0.0], [np.pi, 0.0, 0.0])
     turns = rotation.from_rotation_vector(rng.uniform(-0.5, 0.5, (10, 3)))
     seen = pose.from_position_rotation(
-        rng.uniform(-0.03, 0.03, (10, 3)) + [0, 0, 0.5] - turns @ [0.09, 0.075, 0.0], turns
+        np.array([0, 0, 0.5]) + rng.uniform(-0.03, 0.03, (10, 3)) - turns @ [0.09, 0.075, 0.0], turns
     )
     hands = Y @ pose.inverse(seen) @ pose.inverse(X)
     views = []
@@ -342,7 +343,7 @@ def test_a_plan_that_cannot_be():
     far, eye = pose.from_xyz_rpy([5.0, 0.0, 0.0], [np.pi, 0.0, 0.0]), np.eye(4)
     with pytest.raises(
         VisionError,
-        match="the arm reaches 0 of .* places from which the board would be seen, and 12 poses are asked for",
+        match=r"the arm reaches 0 of .* places from which the board would be seen, and 12 poses are asked for",
     ):
         plan_captures(arm, CAMERA, BOARD, camera_on="hand", T_mount_camera=eye, T_holder_target=far)
     with pytest.raises(VisionError, match="count must be 1 or more, got 0"):
