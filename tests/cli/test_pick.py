@@ -100,3 +100,19 @@ def test_ctrl_c_keeps_what_was_done(tmp_path):
     assert "goes on after cycle 1" in out
     assert "interrupted" in err
     assert len(log.read_text().splitlines()) == 1
+
+
+def test_by_sight(capsys, tmp_path):
+    pytest.importorskip("cv2", reason="OpenCV is not installed")
+    film = tmp_path / "see.gif"
+    line = ["pick", "--see", "--arm", "ur10e", "--cycles", "1", "--seed", "3", "--record", str(film)]
+    assert main([*line, "--size", "160x120", "--fps", "2"]) == 0
+    out, _ = said(capsys)
+    lines = out.splitlines()
+    assert lines[0].startswith("camera at (0.6")
+    assert "px RMS" in lines[0]
+    assert sum("red can" in line and "SUCCEEDED" in line for line in lines) == 9
+    assert lines[-1].startswith("1 of 1 placed")
+    assert film.stat().st_size > 1000
+    assert main(["pick", "--see", "--arm", "youbot"]) == 2
+    assert "no arm that picks by sight 'youbot'" in said(capsys)[1]

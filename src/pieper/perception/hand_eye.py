@@ -288,7 +288,7 @@ def calibrate_hand_eye_from_views(
     if board.kind == "chessboard":
         B, turned = _turned_alike(A, B, board)
         seen = [replace(view, ids=view.ids[::-1].copy()) if t else view for view, t in zip(seen, turned, strict=True)]
-    X, Y, used, _, methods = _robust(A, B, labels, camera_on)
+    X, Y, used, _, methods = _robust(A, B, labels, camera_on, last_word=False)
     X, Y, _ = _refined(X, Y, A[used], B[used])
     for _ in range(_ROUNDS):  # poses from a single image scatter more than its corners do: those decide who is odd
         kept = [view for view, use in zip(seen, used, strict=True) if use]
@@ -298,6 +298,7 @@ def calibrate_hand_eye_from_views(
         if (now == used).all() or now.sum() < LEAST_POSES or _turns(A[now])[0][1] < LEAST_TURN:
             break
         used = now
+    _mostly_agree(used, labels)
     left_out = tuple(
         f"{labels[k]}: {off[k]:.2f} px RMS off, where the others have {np.median(off[used]):.2f}"
         for k in np.flatnonzero(~used)
@@ -519,11 +520,13 @@ def _distance(X: FloatArray, Y: FloatArray, A: FloatArray, B: FloatArray) -> Flo
 
 
 def _robust(
-    A: FloatArray, B: FloatArray, labels: tuple[str, ...], camera_on: CameraOn
+    A: FloatArray, B: FloatArray, labels: tuple[str, ...], camera_on: CameraOn, *, last_word: bool = True
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_], tuple[str, ...], tuple[Method, ...]]:
-    """The best closed form of those that agree, who they are, who is left out, and all closed forms compared."""
+    """The best closed form of those that agree, who they are, who is left out, and all closed forms compared.
+
+    Without the `last_word` it is no error when many are left out: somebody judges them again.
+    """
     d, used = _agreeing(A, B)
-    n = len(A)
     far = float(np.median(np.linalg.norm(B[:, :3, 3], axis=1)))
     usual = float(np.median(d[used]))
     meant = "" if usual < _PLAIN * far and used.all() else _otherwise(A, B, camera_on, usual)
@@ -532,12 +535,8 @@ def _robust(
             f"the poses do not belong together: half of them are off by {usual:.2g} m and more, with the board {far:.2g} m away; "
             f"{meant or f'is the camera on the {camera_on}, as was said, and is the tip of the arm the one whose poses were given?'}"
         )
-    if n - used.sum() > max(1, n // 4) or used.sum() < LEAST_POSES:
-        odd = ", ".join(labels[k] for k in np.flatnonzero(~used))
-        raise VisionError(
-            f"the poses contradict each other: {n - int(used.sum())} of {n} would have to be left out ({odd}); did the board or the camera move, or "
-            "did the arm not stand still, and is the size of the board right?"
-        )
+    if last_word or used.sum() < LEAST_POSES:
+        _mostly_agree(used, labels)
     turns, axes = _turns(A[used])
     _observable(turns, axes, camera_on)
     forms = {"pairs": _by_pairs, "product": _by_product, **_opencv_methods()}
@@ -568,6 +567,16 @@ def _robust(
         for k in np.flatnonzero(~used)
     )
     return X, Y, used, left_out, tuple(methods)
+
+
+def _mostly_agree(used: NDArray[np.bool_], labels: tuple[str, ...]) -> None:
+    out = len(used) - int(used.sum())
+    if out > max(1, len(used) // 4) or used.sum() < LEAST_POSES:
+        odd = ", ".join(labels[k] for k in np.flatnonzero(~used))
+        raise VisionError(
+            f"the poses contradict each other: {out} of {len(used)} would have to be left out ({odd}); did the board or the camera move, or "
+            "did the arm not stand still, and is the size of the board right?"
+        )
 
 
 def _agreeing(A: FloatArray, B: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
