@@ -665,7 +665,7 @@ def _least_squares(
     r = of(X, Y)
     cost = float(r @ r)
     for _ in range(_STEPS):
-        step = np.linalg.lstsq(slopes(X, Y), -r, rcond=None)[0]
+        step: FloatArray = np.asarray(np.linalg.lstsq(slopes(X, Y), -r, rcond=None)[0], dtype=np.float64)
         for _ in range(_HALVINGS):
             X_next, Y_next = _moved(X, step[:6]), _moved(Y, step[6:])
             r_next = of(X_next, Y_next)
@@ -723,10 +723,10 @@ def _refined(X: FloatArray, Y: FloatArray, A: FloatArray, B: FloatArray) -> tupl
     free = 3 * len(A) - 6
 
     def of(X: FloatArray, Y: FloatArray) -> FloatArray:
-        return (np.concatenate(_left_over(X, Y, A, B), axis=1) * weights).reshape(-1)
+        return np.asarray((np.concatenate(_left_over(X, Y, A, B), axis=1) * weights).reshape(-1))
 
     def slopes(X: FloatArray, Y: FloatArray) -> FloatArray:
-        return (_pose_slopes(X, Y, A, B) * weights[:, None]).reshape(-1, 12)
+        return np.asarray((_pose_slopes(X, Y, A, B) * weights[:, None]).reshape(-1, 12))
 
     for _ in range(3):
         X, Y = _least_squares(of, slopes, X, Y)
