@@ -37,7 +37,6 @@ from pieper.sim.scene_view import SceneView
 from pieper.spatial import pose, rotation
 from pieper.tasks.mover import DirectMover
 from pieper.tasks.pick import _STILL, PickAndPlace, PickTask, _FailedError
-from pieper.tasks.pick_tasks import AHEAD, DOWN
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -68,6 +67,8 @@ BIN = "#84888c"
 LIGHT_SPREAD, CAST_SPREAD = 0.5, 0.12
 """Standard deviations of the light and of its colour that the cans are known under, as logarithms; more than a tracker needs, for here it jumps."""
 
+_AHEAD = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])  # z along x
+_DOWN = np.diag([-1.0, 1.0, -1.0, 1.0])  # a grasp from above
 _ENCODER_NOISE = 5e-5  # [rad] of what the arm says of its joints while it is calibrated
 _RULER = 0.05, float(np.radians(3.0))  # [m], [rad] how well the plan of captures knows where camera and board are
 _DOTS = 48  # pixels of the printed board for a square
@@ -133,7 +134,7 @@ def see_task(name: str = "kr210") -> SeeTask:
 
 def _kr210() -> SeeTask:
     hand = ParallelGripper(
-        stroke=0.16, force=150.0, reach=0.2, T_tip_mount=AHEAD, pad=np.array([0.014, 0.05, 0.07]), speed=0.2, mass=8.0
+        stroke=0.16, force=150.0, reach=0.2, T_tip_mount=_AHEAD, pad=np.array([0.014, 0.05, 0.07]), speed=0.2, mass=8.0
     )  # fmt: skip
     radius, length, height = 0.05, 0.2, 0.5
     area = np.array([[1.35, -0.65], [2.05, 0.65]])
@@ -146,10 +147,10 @@ def _kr210() -> SeeTask:
         SceneCamera.looking("corner", [4.3, -3.5, 2.9], [1.4, 0.9, 0.35]),
         SceneCamera.looking(EYE, [1.75, -1.75, 2.9], [1.7, 0.05, 0.5]),
     )
-    drop = at(0.1, 2.3, 1.25) @ DOWN @ np.linalg.inv(hand.T_tip_mount)
+    drop = at(0.1, 2.3, 1.25) @ _DOWN @ np.linalg.inv(hand.T_tip_mount)
     postures = tuple(np.array([waist, -0.6, 0.5, 0.0, 1.2, 0.0]) for waist in (0.0, 0.6))
     pick = PickTask(
-        "kr210 sees", load("kr210"), hand, Scene(things, cameras), tuple(COLORS), at(0.0, 0.0, 0.055) @ DOWN, drop,
+        "kr210 sees", load("kr210"), hand, Scene(things, cameras), tuple(COLORS), at(0.0, 0.0, 0.055) @ _DOWN, drop,
         np.array([[-0.4, 1.85, 0.0], [0.6, 2.75, 0.75]]), np.array([1.2, -0.6, 0.5, 0.0, 1.2, 0.0]), postures=postures, approach=0.2,
         clearance=0.2, lift=0.1, drop_step=0.1,
     )  # fmt: skip
@@ -170,12 +171,12 @@ def _ur10e() -> SeeTask:
         SceneCamera.looking("corner", [2.0, -1.75, 1.25], [0.58, 0.33, 0.02]),
         SceneCamera.looking(EYE, [0.65, -0.75, 1.05], [0.62, 0.02, -0.05]),
     )
-    drop = at(0.0, 0.85, 0.15) @ DOWN
+    drop = at(0.0, 0.85, 0.15) @ _DOWN
     above = np.array([0.0, -1.5, 1.7, -1.75, -1.57, 0.0])
     waist = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     turned = tuple(above + turn * waist for turn in (-0.3, 0.4))
     pick = PickTask(
-        "ur10e sees", load("ur10e"), hand, Scene(things, cameras, floor=floor), tuple(COLORS), at(0.0, 0.0, 0.025) @ DOWN, drop,
+        "ur10e sees", load("ur10e"), hand, Scene(things, cameras, floor=floor), tuple(COLORS), at(0.0, 0.0, 0.025) @ _DOWN, drop,
         np.array([[-0.25, 0.625, floor], [0.25, 1.075, floor + 0.3]]), above + 1.3 * waist, postures=turned,
         approach=0.12, clearance=0.08, lift=0.05, drop_step=0.06,
     )  # fmt: skip
