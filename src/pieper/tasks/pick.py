@@ -14,12 +14,15 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pieper.errors import ArrayError, PieperError
+from pieper.errors import ArrayError, PieperError, unknown_name
 from pieper.model.description import Box, Cylinder
+from pieper.motion.collision import CollisionModel
+from pieper.motion.world import Item, World
 from pieper.sim.gripper import GripperState, ParallelGripper
 from pieper.sim.physics import MujocoSimulator
 from pieper.sim.scene import Scene, at, pose
 from pieper.tasks.mover import DirectMover, Mover
+from pieper.tasks.planned_mover import PlannedMover, is_there
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -188,6 +191,23 @@ class PickTask:
         return T
 
 
+PLANNERS = ("rrt", "direct")
+"""By name, the ways to get from pose to pose that a run can be told to take."""
+
+
+def chosen_planner(name: str | None = None) -> str:
+    """The planner of that name, or the best one that is installed.
+
+    >>> chosen_planner("direct")
+    'direct'
+    """
+    if name is None:
+        return "rrt" if is_there() else "direct"
+    if name not in PLANNERS:
+        raise unknown_name("planner", name, PLANNERS)
+    return name
+
+
 class _FailedError(Exception):
     """A stage failed; `lost` says that a grasp was lost and trying again may help."""
 
@@ -213,7 +233,10 @@ class PickAndPlace:
     seed : int
         Of the places of the things in their slots. The places of a cycle depend on the seed and the number of the cycle alone.
     mover : Mover, optional
-        How to get from pose to pose; `DirectMover` by default.
+        How to get from pose to pose, instead of a `planner`.
+    planner : {"rrt", "direct"}, optional
+        ``"rrt"`` searches for free ways (`pieper.tasks.planned_mover.PlannedMover`, which needs the extra ``plan``), ``"direct"`` tries straight
+        ones (`pieper.tasks.mover.DirectMover`). By default the first where it is installed.
     look : callable, optional
         Given the name of a target, where it is, (4, 4), or None when it is not seen; the simulator's own knowledge by default.
     log : callable, optional
@@ -222,7 +245,18 @@ class PickAndPlace:
     Attributes
     ----------
     robot : MujocoSimulator
+    planner : str
+        ``"rrt"``, ``"direct"``, or ``"own"`` for a mover that was given.
+    cancelled : bool
+        See `cancel`.
     stages : list of Stage
+
+    Raises
+    ------
+    UnknownNameError
+        No planner of that name.
+    MissingExtraError
+        MuJoCo is not installed, or what the planner needs.
     """
 
     def __init__(
@@ -231,15 +265,26 @@ class PickAndPlace:
         *,
         seed: int = 0,
         mover: Mover | None = None,
+        planner: str | None = None,
         look: Callable[[str], FloatArray | None] | None = None,
         log: Callable[[Stage], None] | None = None,
     ) -> None:
         self.task, self.seed = task, seed
         axis = task.gripper.T_tip_grasp[:3, 2] if task.spin_free else None
         self.robot = MujocoSimulator(task.arm, q=task.q_home, scene=task.scene, gripper=task.gripper)
-        self.mover: Mover = mover or DirectMover(
-            task.arm, axis_tip=axis, speed=task.speed, blocked=self.blocked, postures=(task.q_home, *task.postures)
-        )
+        self.cancelled = False
+        self.planner = "own" if mover is not None else chosen_planner(planner)
+        self.mover: Mover
+        if mover is not None:
+            self.mover = mover
+        elif self.planner == "rrt":
+            self.mover = PlannedMover(
+                task.arm, model=self.collision_model, axis_tip=axis, speed=task.speed, seed=seed, cancelled=lambda: self.cancelled
+            )  # fmt: skip
+        else:
+            self.mover = DirectMover(
+                task.arm, axis_tip=axis, speed=task.speed, blocked=self.blocked, postures=(task.q_home, *task.postures)
+            )
         assert self.robot.gripper is not None
         self.gripper = self.robot.gripper
         self.look: Callable[[str], FloatArray | None] = self.robot.pose if look is None else look
@@ -248,6 +293,42 @@ class PickAndPlace:
         self._cycle, self._target = 0, ""
         self._held: _Held | None = None
         self._tolerated: frozenset[tuple[str, str]] = frozenset()
+        self._models: dict[bytes, CollisionModel] = {}
+
+    def cancel(self) -> None:
+        """End the run as soon as it can: the stage that runs fails as cancelled, the arm comes to rest, and no cycle follows.
+
+        It may be called from a handler of a signal, or from another thread.
+        """
+        self.cancelled = True
+
+    def collision_model(self, margin: float, reaching: bool = False) -> CollisionModel:
+        """The arm, with its gripper and what it holds, among the things where they are now, for planning.
+
+        Parameters
+        ----------
+        margin : float
+            To keep between solids [m].
+        reaching : bool
+            Whether the target, which the hand is then about to touch, is left out.
+        """
+        robot, task = self.robot, self.task
+        held = None if self._held is None else self._held.name
+        out = {held, self._target if reaching else None}
+        things = [Item(thing.name, thing.solid, robot.pose(thing.name)) for thing in task.scene.objects if thing.name not in out]
+        width = None if held is None else round(self.gripper.width, 3)
+        key = np.round([*(thing.pose for thing in things)], 4).tobytes() + repr((held, width, margin, reaching, self._target)).encode()
+        if key not in self._models:
+            tool = [
+                Item(f"gripper/{name}", solid, task.gripper.T_tip_mount @ T)
+                for name, (solid, T) in task.gripper.solids(width).items()
+            ]
+            attached = [] if self._held is None else [Item(self._held.name, task.scene.object(self._held.name).solid, self._held.T_tip_object)]
+            if task.scene.floor is not None:
+                things.append(Item("floor", Box(np.array([20.0, 20.0, 0.1])), at(0.0, 0.0, task.scene.floor - 0.05)))
+            self._models = dict([*self._models.items()][-3:])
+            self._models[key] = CollisionModel(task.arm, World(tuple(things)), tool=tool, attached=attached, margin=margin)
+        return self._models[key]
 
     def blocked(self, q: FloatArray) -> str:
         """What the arm, with what it holds, would touch at joint values (n,), in words; empty when nothing."""
