@@ -152,7 +152,12 @@ def add_gripper(spec: Any, body: Any, gripper: ParallelGripper, T_body_tip: Floa
         fingers[name].add_joint(
             name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, side, 0.0], limited=True, range=[0.0, opening], armature=0.2 * gripper.mass,
         )  # fmt: skip
-    looks = {"neck": (0.2, (0.6, 0.63, 0.67)), "plate": (0.4, paint), "bar": (0.15, steel), "pad": (0.05, rubber)}
+    looks: dict[str, tuple[float, Any]] = {
+        "neck": (0.2, (0.6, 0.63, 0.67)),
+        "plate": (0.4, paint),
+        "bar": (0.15, steel),
+        "pad": (0.05, rubber),
+    }
     grip = {"condim": 4, "friction": friction_vector(1.0), "solref": [0.004, 1.0]}
     for name, (solid, T_mount_solid) in gripper.solids(0.0).items():
         owner, _, part = name.rpartition("/")

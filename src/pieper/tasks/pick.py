@@ -216,6 +216,10 @@ class _FailedError(Exception):
         self.lost = lost
 
 
+class _CancelledError(_FailedError):
+    """`PickAndPlace.cancel` was called."""
+
+
 @dataclass(eq=False)
 class _Held:
     """What is in the hand, and where it was in it when it was gripped."""
@@ -315,19 +319,32 @@ class PickAndPlace:
         robot, task = self.robot, self.task
         held = None if self._held is None else self._held.name
         out = {held, self._target if reaching else None}
-        things = [Item(thing.name, thing.solid, robot.pose(thing.name)) for thing in task.scene.objects if thing.name not in out]
+        things = [
+            Item(thing.name, thing.solid, robot.pose(thing.name))
+            for thing in task.scene.objects
+            if thing.name not in out
+        ]
         width = None if held is None else round(self.gripper.width, 3)
-        key = np.round([*(thing.pose for thing in things)], 4).tobytes() + repr((held, width, margin, reaching, self._target)).encode()
+        key = (
+            np.round([*(thing.pose for thing in things)], 4).tobytes()
+            + repr((held, width, margin, reaching, self._target)).encode()
+        )
         if key not in self._models:
             tool = [
                 Item(f"gripper/{name}", solid, task.gripper.T_tip_mount @ T)
                 for name, (solid, T) in task.gripper.solids(width).items()
             ]
-            attached = [] if self._held is None else [Item(self._held.name, task.scene.object(self._held.name).solid, self._held.T_tip_object)]
+            attached = (
+                []
+                if self._held is None
+                else [Item(self._held.name, task.scene.object(self._held.name).solid, self._held.T_tip_object)]
+            )
             if task.scene.floor is not None:
                 things.append(Item("floor", Box(np.array([20.0, 20.0, 0.1])), at(0.0, 0.0, task.scene.floor - 0.05)))
             self._models = dict([*self._models.items()][-3:])
-            self._models[key] = CollisionModel(task.arm, World(tuple(things)), tool=tool, attached=attached, margin=margin)
+            self._models[key] = CollisionModel(
+                task.arm, World(tuple(things)), tool=tool, attached=attached, margin=margin
+            )
         return self._models[key]
 
     def blocked(self, q: FloatArray) -> str:
@@ -341,21 +358,32 @@ class PickAndPlace:
     def run(self, cycles: int, *, first: int = 1) -> Iterator[Cycle]:
         """Run cycles, one for every item that is taken from the iterator: from number `first` on, `cycles` of them.
 
-        Targets come in their order, again and again; before the first one of a round the slots are filled.
+        Targets come in their order, again and again; before the first one of a round the slots are filled. After `cancel`, the cycle that runs
+        is the last one, and not placed.
 
         Raises
         ------
         ArrayError
             A number that is not positive.
+        PieperError
+            The things in their slots do not come to rest.
         """
         given: dict[str, object] = {"cycles": cycles, "first": first}
         for name, value in given.items():
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
                 raise ArrayError(f"{name} must be a whole number of 1 or more, got {value!r}")
         for number in range(first, first + cycles):
+            if self.cancelled:
+                return
             slot = (number - 1) % len(self.task.targets)
             if slot == 0 or number == first:
-                self.fill_slots(number - slot)
+                try:
+                    self.fill_slots(number - slot)
+                except _CancelledError:
+                    self._halt()
+                    return
+                except _FailedError as cause:
+                    raise PieperError(str(cause)) from cause
             yield self.cycle(number)
 
     def fill_slots(self, number: int) -> None:
@@ -382,15 +410,26 @@ class PickAndPlace:
                 self._pick()
                 self._place()
                 placed = True
+            except _CancelledError as failed:
+                reason = str(failed)
+                break
             except _FailedError as failed:
                 reason = str(failed)
                 if not self._recover(again=failed.lost and attempt < self.task.attempts) or not failed.lost:
                     break
+        if self.cancelled:
+            self._halt()
+            return Cycle(number, self._target, placed, attempt, "" if placed else reason, self.robot.time - start)
         with suppress(_FailedError), self._stage("next target"):
             left = len(self.task.targets) - 1 - (number - 1) % len(self.task.targets)
             if not placed:
                 raise _FailedError(f"{self._target} is left: {reason}; {left} to go")
         return Cycle(number, self._target, placed, attempt, "" if placed else reason, self.robot.time - start)
+
+    def _halt(self) -> None:
+        """Bring the arm to rest."""
+        self.robot.stop()
+        self.robot.settle(longest=PATIENCE)
 
     # --- the stages
 
@@ -439,6 +478,8 @@ class PickAndPlace:
         try:
             first = self.mover.plan(self.robot.reference.q, T_via, goes_on)
         except PieperError as cause:
+            if self.cancelled:
+                raise _CancelledError("cancelled") from cause
             raise _FailedError(reasons[0] if reasons else str(cause)) from cause
         return [first, *onwards[first.q[-1].tobytes()]]
 
@@ -480,6 +521,8 @@ class PickAndPlace:
                     away = leave(q, T_away)
                     return [away, self.mover.plan(away.q[-1], self.task.drop_of(self._target))]
                 except PieperError as cause:  # noqa: PERF203  a handful of ways
+                    if self.cancelled:
+                        raise _CancelledError("cancelled") from cause
                     reason = reason or str(cause)
         raise _FailedError(reason)
 
@@ -569,6 +612,8 @@ class PickAndPlace:
         robot = self.robot
         end, ticks = robot.time + longest, 0
         while not done():
+            if self.cancelled:
+                raise _CancelledError("cancelled")
             robot.step(robot.timestep)
             ticks += 1
             if guard and ticks % _GUARDED_EVERY == 0:
@@ -597,13 +642,15 @@ class PickAndPlace:
     def _stage(self, name: str) -> Iterator[None]:
         start = self.robot.time
         try:
+            if self.cancelled:
+                raise _CancelledError("cancelled")
             yield
         except _FailedError as failed:
             self._record(name, False, str(failed), start)
             raise
         except PieperError as cause:
             self._record(name, False, str(cause), start)
-            raise _FailedError(str(cause)) from cause
+            raise (_CancelledError if self.cancelled else _FailedError)(str(cause)) from cause
         self._record(name, True, "", start)
 
     def _record(self, name: str, succeeded: bool, reason: str, start: float) -> None:

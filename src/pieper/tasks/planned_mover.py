@@ -97,11 +97,9 @@ class PlannedMover:
         self.margin, self.seed, self.timeout, self.cancelled = margin, seed, timeout, cancelled
         self._direct = DirectMover(arm, axis_tip=axis_tip, speed=speed)
         limits = JointLimits.of(arm.chain)
-        self.limits = {
-            "max_velocity": speed * limits.velocity,
-            "max_acceleration": speed * limits.acceleration,
-            "max_jerk": speed * limits.jerk,
-        }
+        self.velocity, self.acceleration, self.jerk = (
+            speed * most for most in (limits.velocity, limits.acceleration, limits.jerk)
+        )
 
     def plan(
         self, q_start: FloatArray, T_goal: FloatArray, usable: Callable[[FloatArray], bool] | None = None
@@ -119,7 +117,7 @@ class PlannedMover:
         judged: list[FloatArray] = []
         for q in sorted(free, key=lambda q: self._effort(q_start, q)):
             if self.cancelled is not None and self.cancelled():
-                raise MotionError("cancelled")
+                raise MotionError("cancelled while planning")
             if usable is None or usable(q):
                 if model.is_free(q_start) and edges.free(q_start, q):
                     return self._timed(np.stack([q_start, q]))
@@ -159,8 +157,10 @@ class PlannedMover:
         for k in hits:
             new = [pair for pair in model.contacts(path.q[k]) if frozenset((pair.first, pair.second)) not in begins]
             if new:
-                raise MotionError(f"the straight line is not free after {path.s[k]:.3f} of {path.s[-1]:.3f} m: {new[0]}")
-        move = time_path(path, **self.limits)
+                raise MotionError(
+                    f"the straight line is not free after {path.s[k]:.3f} of {path.s[-1]:.3f} m: {new[0]}"
+                )
+        move = time_path(path, max_velocity=self.velocity, max_acceleration=self.acceleration, max_jerk=self.jerk)
         return Trajectory(move.t, move.q, move.dq, move.ddq, self.arm.joint_names)
 
     @staticmethod
@@ -169,10 +169,12 @@ class PlannedMover:
 
     def _effort(self, q_start: FloatArray, q_goal: FloatArray) -> float:
         """About how long a joint move takes [s]."""
-        return float((np.abs(q_goal - q_start) / self.limits["max_velocity"]).max())
+        return float((np.abs(q_goal - q_start) / self.velocity).max())
 
     def _timed(self, q: FloatArray) -> Trajectory:
-        return time_waypoints(self.arm.chain, q, **self.limits)
+        return time_waypoints(
+            self.arm.chain, q, max_velocity=self.velocity, max_acceleration=self.acceleration, max_jerk=self.jerk
+        )
 
 
 def _onto(a: FloatArray, b: FloatArray) -> FloatArray:
