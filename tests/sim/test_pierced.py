@@ -12,6 +12,7 @@ from pieper.spatial import rotation
 pytest.importorskip("mujoco", reason="mujoco is not installed")
 
 import mujoco
+
 from pieper.sim.physics import MARGIN, MujocoSimulator
 from pieper.sim.pierced import CapsulesAndBoxes
 from pieper.sim.scene import Scene, SceneObject
