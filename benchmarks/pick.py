@@ -30,6 +30,7 @@ def measured(name: str, planner: str, cycles: int, seeds: int) -> dict[str, obje
             durations.append(cycle.duration)
             if not cycle.placed:
                 reasons.append(f"seed {seed}, cycle {cycle.number}, {cycle.target}: {cycle.reason}")
+                print(reasons[-1], flush=True)
         simulated += run.robot.time
         print(f"{name}, {planner}, seed {seed}: {placed[-1]} of {cycles} placed", flush=True)
     taken = time.process_time() - start
