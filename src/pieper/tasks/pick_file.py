@@ -29,8 +29,9 @@ out stands in brackets:
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -62,6 +63,8 @@ COLORS = (CLAY, "#2f7fd1", "#3aa655", "#c9a227", "#8a63c7", "#d9773b", "#4fb3bf"
 """Of the targets, one after another."""
 
 SOLIDS = ("box", "cylinder", "capsule", "sphere")
+
+Made = TypeVar("Made")
 
 _NUMBERS = ("approach", "clearance", "lift", "drop_step", "position_noise", "yaw_noise", "speed")
 
@@ -123,7 +126,7 @@ def _task(file: Section, folder: Path) -> PickTask:
     )  # fmt: skip
 
 
-def _made(section: Section, key: str, make: Callable[[], Any]) -> Any:
+def _made(section: Section, key: str, make: Callable[[], Made]) -> Made:
     """What is made, or the error about it with file, line and field."""
     try:
         return make()
@@ -164,9 +167,8 @@ def _gripper(fields: Section) -> ParallelGripper:
         more["color"] = fields.text("color")
     if "mount" in fields:
         more["T_tip_mount"] = _pose(fields.section("mount"))
-    sizes = {name: fields.number(name) for name in ("stroke", "force", "reach")}
-    made: ParallelGripper = _made(fields, "", lambda: ParallelGripper(**sizes, **more))
-    return made
+    more |= {name: fields.number(name) for name in ("stroke", "force", "reach")}
+    return _made(fields, "", lambda: ParallelGripper(**more))
 
 
 def _scene(fields: Section) -> Scene:
@@ -184,8 +186,7 @@ def _scene(fields: Section) -> Scene:
         things += _table(section, ground)
     things += [_thing(section) for section in fields.sections("things", [])]
     cameras = [_camera(section) for section in fields.sections("cameras")]
-    made: Scene = _made(fields, "", lambda: Scene(tuple(things), tuple(cameras), floor=floor))
-    return made
+    return _made(fields, "", lambda: Scene(tuple(things), tuple(cameras), floor=floor))
 
 
 def _shelf(fields: Section, floor: float) -> tuple[SceneObject, ...]:
@@ -197,14 +198,13 @@ def _shelf(fields: Section, floor: float) -> tuple[SceneObject, ...]:
     if len(edges) < 2:
         raise fields.error("edges", "must be two or more places of walls along y [m]")
     more = _looks(fields, "thickness")
-    parts: tuple[SceneObject, ...] = _made(
+    return _made(
         fields, "",
         lambda: shelf(
             fields.text("name"), x=(float(front), float(back)), edges=edges, boards=fields.array("boards", (None,)), top=fields.number("top"),
             floor=fields.number("floor", floor), **more,
         ),
     )  # fmt: skip
-    return parts
 
 
 def _open_box(fields: Section, floor: float) -> tuple[SceneObject, ...]:
@@ -212,13 +212,12 @@ def _open_box(fields: Section, floor: float) -> tuple[SceneObject, ...]:
     x, y = map(float, fields.array("center", (2,)))
     size = fields.array("size", (3,))
     more = _looks(fields, "wall")
-    parts: tuple[SceneObject, ...] = _made(
+    return _made(
         fields, "",
         lambda: open_box(
             fields.text("name"), center=(x, y), size=(float(size[0]), float(size[1]), float(size[2])), floor=fields.number("floor", floor), **more
         ),
     )  # fmt: skip
-    return parts
 
 
 def _table(fields: Section, floor: float) -> tuple[SceneObject, ...]:
@@ -226,13 +225,12 @@ def _table(fields: Section, floor: float) -> tuple[SceneObject, ...]:
     x, y = map(float, fields.array("center", (2,)))
     wide, deep = map(float, fields.array("size", (2,)))
     more = _looks(fields, "thickness")
-    parts: tuple[SceneObject, ...] = _made(
+    return _made(
         fields, "",
         lambda: table(
             fields.text("name"), center=(x, y), size=(wide, deep), height=fields.number("height"), floor=fields.number("floor", floor), **more
         ),
     )  # fmt: skip
-    return parts
 
 
 def _looks(fields: Section, *numbers: str) -> dict[str, Any]:
@@ -245,8 +243,7 @@ def _looks(fields: Section, *numbers: str) -> dict[str, Any]:
 def _thing(fields: Section) -> SceneObject:
     fields.only("name", *SOLIDS, "position", "rpy", "quaternion", "facing", "mass", "color", "friction")
     solid, T, more = _solid(fields), _pose(fields), _looks(fields, "mass", "friction")
-    made: SceneObject = _made(fields, "", lambda: SceneObject(fields.text("name"), solid, T, **more))
-    return made
+    return _made(fields, "", lambda: SceneObject(fields.text("name"), solid, T, **more))
 
 
 def _solid(fields: Section) -> Box | Cylinder | Capsule | Sphere:
@@ -267,10 +264,9 @@ def _solid(fields: Section) -> Box | Cylinder | Capsule | Sphere:
 
 def _camera(fields: Section) -> SceneCamera:
     fields.only("name", "eye", "target", "field_of_view")
-    more = {"field_of_view": fields.number("field_of_view")} if "field_of_view" in fields else {}
+    more: dict[str, Any] = {"field_of_view": fields.number("field_of_view")} if "field_of_view" in fields else {}
     name, eye, target = fields.text("name"), fields.array("eye", (3,)), fields.array("target", (3,))
-    made: SceneCamera = _made(fields, "", lambda: SceneCamera.looking(name, eye, target, **more))
-    return made
+    return _made(fields, "", lambda: SceneCamera.looking(name, eye, target, **more))
 
 
 def _targets(file: Section) -> tuple[tuple[SceneObject, ...], tuple[str, ...]]:
@@ -285,13 +281,15 @@ def _targets(file: Section) -> tuple[tuple[SceneObject, ...], tuple[str, ...]]:
     names = tuple(f"{name} {k + 1}" for k in range(len(slots)))
     if not names:
         raise fields.error("slots", "must hold at least one place")
+    colors = [COLORS[k % len(COLORS)] for k in range(len(slots))]
     things = [
         _made(
-            fields, "",
-            lambda k=k: SceneObject(names[k], solid, at(*map(float, slots[k])), mass=mass, color=COLORS[k % len(COLORS)], **more),
+            fields,
+            "",
+            partial(SceneObject, names[k], solid, at(*map(float, slots[k])), mass=mass, color=colors[k], **more),
         )
         for k in range(len(slots))
-    ]  # fmt: skip
+    ]
     return tuple(things), names
 
 

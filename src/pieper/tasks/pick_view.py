@@ -81,8 +81,9 @@ class PickView:
         self._robot.observers.append(self._observe)
 
     def _add(self, name: str, solid: Solid, color: str, T: FloatArray) -> Any:
-        scene, paint = self.server.scene, tuple(int(255 * part) for part in rgb(color))
-        place = {"position": T[:3, 3], "wxyz": quaternion(T[:3, :3])}
+        scene: Any = self.server.scene
+        paint = tuple(int(255 * part) for part in rgb(color))
+        place: dict[str, Any] = {"position": T[:3, 3], "wxyz": quaternion(T[:3, :3])}
         if isinstance(solid, Box):
             return scene.add_box(name, paint, tuple(map(float, solid.size)), **place)
         if isinstance(solid, Sphere):
