@@ -100,7 +100,9 @@ def pick(
         if filmed:
             filmed[0].caption = f"{wanted.name}  cycle {stage.cycle} of {cycles}: {_next_stage(stage)}"
         if pages:
-            pages[0].say(str(stage))
+            pages[0].say(
+                f"{stage.cycle}  {stage.target}: {stage.name}" + (f"  FAILED  {stage.reason}" if stage.reason else "")
+            )
         if not quiet:
             out.print(
                 str(stage), style=None if stage.succeeded else "red", markup=False, highlight=False, soft_wrap=True

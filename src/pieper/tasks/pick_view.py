@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _FRAME = 1.0 / 25.0  # [s]
 _LINES = 12  # of the log that are shown
+_LOADING = 1.5  # [s] that a page takes to be there
 _GROUND = ((222, 225, 230), (190, 195, 202))
 
 
@@ -121,6 +122,8 @@ class PickView:
         end = time.monotonic() + longest
         while not self.is_watched and time.monotonic() < end and not self._run.cancelled:
             time.sleep(0.1)
+        if self.is_watched:
+            time.sleep(_LOADING)
         self._began = time.monotonic() - self._robot.time
         return self.is_watched
 
