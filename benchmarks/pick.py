@@ -5,7 +5,7 @@ Every arm that has a task picks through its nine slots again and again, in full 
 time that planning and simulating them takes; with both planners, over several seeds. The drives' tracking error is the largest difference between reference and measurement over all joints,
 over one cycle of the KR210.
 
-    python benchmarks/pick.py [--cycles 200] [--others 45] [--seeds 3]
+    python benchmarks/pick.py [--cycles 200] [--others 45] [--seeds 3] [--direct-seeds 1]
 """
 
 import argparse
@@ -65,13 +65,13 @@ def main() -> None:
     parser.add_argument("--cycles", type=int, default=200, help="of the KR210")
     parser.add_argument("--others", type=int, default=45, help="of each other arm")
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--direct-seeds", type=int, default=1, help="with the mover that does not search")
     options = parser.parse_args()
     found: dict[str, dict[str, object]] = {}
-    for name in pick_tasks.names():
-        found[name] = {}
-        for planner in PLANNERS:
+    for planner, seeds in zip(PLANNERS, (options.seeds, options.direct_seeds), strict=True):
+        for name in pick_tasks.names():
             cycles = options.cycles if name == "kr210" else options.others
-            found[name][planner] = measured(name, planner, cycles, options.seeds)
+            found.setdefault(name, {})[planner] = measured(name, planner, cycles, seeds)
             print(name, planner, results.rounded(found[name][planner]), flush=True)
     worst = tracking("kr210")
     print(f"tracking error {1e3 * worst:.3f} mrad")
@@ -80,7 +80,6 @@ def main() -> None:
         method="nine slots, +-5 mm along x and y, +-5 deg of yaw, uniform; physics at 2 ms; poses known to the simulator; seeds from 0 on; "
         "processor time of one process, models, start and planning included",
         packages=["mujoco", "coal", "ompl", "ruckig"],
-        seeds=options.seeds,
         tracking_error_rad=worst,
         arms=results.rounded(found),
     )

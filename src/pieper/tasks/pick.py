@@ -456,20 +456,29 @@ class PickAndPlace:
                 raise _FailedError("the fingers closed on nothing", lost=True)
             self._held = _Held(self._target, np.linalg.inv(robot.tip()) @ robot.pose(self._target))
         with self._stage(STAGES[5]):
-            T_up = np.array(T_grasp)
-            T_up[2, 3] += task.lift
+            T_up = self._lifted(T_grasp)
             self._follow(self.mover.line(robot.reference.q, T_up))
             self._follow(self.mover.line(robot.reference.q, task.back(T_up, task.approach)))
 
+    def _lifted(self, T_grasp: FloatArray) -> FloatArray:
+        """The tip once it has lifted what it grips off the board."""
+        T = np.array(T_grasp)
+        T[2, 3] += self.task.lift
+        return T
+
     def _ways(self, T_via: FloatArray, T_pre: FloatArray, T_grasp: FloatArray) -> list[Trajectory]:
-        """From here before the slot, to the pre-grasp, and along a line to the grasp, all on one branch."""
+        """From here before the slot, to the pre-grasp, and along a line to the grasp, from where the lines out of the slot go too."""
+        task = self.task
         onwards: dict[bytes, list[Trajectory]] = {}
         reasons: list[str] = []
 
         def goes_on(q_via: FloatArray) -> bool:
             try:
                 ahead = self.mover.plan(q_via, T_pre)
-                onwards[np.asarray(q_via).tobytes()] = [ahead, self.mover.line(ahead.q[-1], T_grasp)]
+                reach = self.mover.line(ahead.q[-1], T_grasp)
+                up = self.mover.line(reach.q[-1], self._lifted(T_grasp))
+                self.mover.line(up.q[-1], task.back(self._lifted(T_grasp), task.approach))
+                onwards[np.asarray(q_via).tobytes()] = [ahead, reach]
             except PieperError as cause:
                 reasons.append(str(cause))
                 return False

@@ -7,12 +7,14 @@ thought of; it looks at the lines too; and its motions hold limits of jerk. It n
 from __future__ import annotations
 
 from importlib.util import find_spec
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pieper.errors import MotionError
+from pieper.kinematics.joints import periodic_joints
 from pieper.motion.edges import EdgeCheck
 from pieper.motion.limits import JointLimits
 from pieper.motion.path import line as straight_line
@@ -36,8 +38,11 @@ LINE_MARGIN = 0.002
 TIMEOUT = 5.0
 """How long a way is searched for [s]."""
 
+_TURN = 2.0 * np.pi
 _STEP = 0.005  # [m] between the poses of a line that are solved
-_ALIKE = 1e-9
+_ALIKE, _SAME = 1e-9, 1e-6
+_NEAR_LIMIT = 0.2  # [rad or m]; joint values nearer to a limit are taken when there are no others
+_MOST_COPIES = 48
 
 
 def is_there() -> bool:
@@ -108,14 +113,14 @@ class PlannedMover:
         from pieper.motion import planning
 
         model = self.model(self.margin, False)
-        answers = self._direct.answers(T_goal, q_start)
+        answers = self._with_turns(self._direct.answers(T_goal, q_start), q_start)
         free = answers[np.atleast_1d(model.is_free(answers))]
         if not len(free):
             nearest = max((model.distance(q) for q in answers), key=lambda pair: pair.distance)
             raise MotionError(f"none of {len(answers)} answers at the goal is free: {nearest}")
         edges = EdgeCheck(model)
         judged: list[FloatArray] = []
-        for q in sorted(free, key=lambda q: self._effort(q_start, q)):
+        for q in free[np.lexsort((self._effort(q_start, free), self._is_near_limit(free)))]:
             if self.cancelled is not None and self.cancelled():
                 raise MotionError("cancelled while planning")
             if usable is None or usable(q):
@@ -149,8 +154,13 @@ class PlannedMover:
         path = follow_path(chain, straight_line(T_start, T_goal), q_start=q_start, target=target, step=_STEP)  # type: ignore[arg-type]
         if path.broken is not None:
             raise MotionError(f"the straight line breaks: {path.broken}")
-        if np.abs(path.q[0] - q_start).max() > 1e-6:
-            raise MotionError("the straight line begins on another branch than the arm is on")
+        apart = np.abs(path.q[0] - q_start)
+        if apart.max() > _SAME:
+            name = self.arm.joint_names[int(np.argmax(apart))]
+            raise MotionError(
+                f"the straight line cannot be followed from here: joint {name!r} would have to begin {apart.max():.2f} rad or m away, "
+                "not to leave its limits"
+            )
         model = self.model(LINE_MARGIN, True)
         hits = np.flatnonzero(~np.atleast_1d(model.is_free(path.q)))
         begins = self._touching(model, q_start)  # what stands on a board, or lies in a hand, does so at first
@@ -167,9 +177,28 @@ class PlannedMover:
     def _touching(model: CollisionModel, q: FloatArray) -> set[frozenset[str]]:
         return {frozenset((pair.first, pair.second)) for pair in model.contacts(q)}
 
-    def _effort(self, q_start: FloatArray, q_goal: FloatArray) -> float:
-        """About how long a joint move takes [s]."""
-        return float((np.abs(q_goal - q_start) / self.velocity).max())
+    def _effort(self, q_start: FloatArray, q_goal: FloatArray) -> FloatArray:
+        """About how long joint moves take, (k,) [s]."""
+        return np.asarray((np.abs(q_goal - q_start) / self.velocity).max(axis=-1))
+
+    def _is_near_limit(self, q: FloatArray) -> NDArray[np.bool_]:
+        """(k,) where an arm would soon have no way on: after many motions to what is nearest, joints are wound up."""
+        lower, upper = self.arm.limits.T
+        return np.asarray((np.minimum(q - lower, upper - q) < _NEAR_LIMIT).any(axis=-1))
+
+    def _with_turns(self, answers: FloatArray, q_near: FloatArray) -> FloatArray:
+        """The answers and their copies by whole turns within the limits, the nearest first, (k, n)."""
+        lower, upper = self.arm.limits.T
+        turning = periodic_joints(self.arm.chain) & np.isfinite(self.arm.limits).all(axis=1)
+        found = [*answers]
+        for q in answers:
+            choices = [
+                [x + turn for turn in (0.0, -_TURN, _TURN) if low <= x + turn <= high] if turns else [x]
+                for x, turns, low, high in zip(q, turning, lower, upper, strict=True)
+            ]
+            found += [np.array(copy) for copy in product(*choices) if not np.array_equal(copy, q)]
+        copies = np.array(found)
+        return copies[np.argsort(self._effort(q_near, copies), kind="stable")][:_MOST_COPIES]
 
     def _timed(self, q: FloatArray) -> Trajectory:
         return time_waypoints(
