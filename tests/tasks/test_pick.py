@@ -204,6 +204,58 @@ def test_a_planner_that_finds_nothing_fails_its_stage_with_its_reason(kr210):
     assert ("inverse kinematics", "FAILED") in events(run)
 
 
+@pytest.mark.parametrize("planner", ["direct", "rrt"])
+def test_cancelled_at_any_moment_the_arm_rests_within_its_limits(planner):
+    """The stage that runs says so, and no cycle follows; moments are spread over a cycle of about 6 s, the first before it begins."""
+    if planner == "rrt":
+        pytest.importorskip("ompl", reason="ompl is not installed")
+    task = pick_tasks.task("mh12")
+    lower, upper = task.arm.limits.T
+    rng = np.random.default_rng(8)
+    for moment in (0.0, *rng.uniform(0.0, 6.0, 5)):
+        run = PickAndPlace(task, seed=1, planner=planner)
+
+        def look(run=run, moment=moment):
+            if run.robot.time >= moment and not run.cancelled:
+                run.cancel()
+            q = run.robot.reference.q
+            assert ((lower <= q) & (q <= upper)).all()
+
+        run.robot.observers.append(look)
+        cycles = list(run.run(3))
+        assert len(cycles) <= 1
+        assert not any(cycle.placed for cycle in cycles)
+        assert run.robot.at_rest
+        assert not run.robot.reference.dq.any()
+        if cycles:
+            assert (run.stages[-1].succeeded, run.stages[-1].reason) == (False, "cancelled")
+            assert cycles[0].reason == "cancelled"
+        assert list(run.run(3)) == []
+
+
+def test_cancelled_while_it_plans(kr210):
+    pytest.importorskip("ompl", reason="ompl is not installed")
+    run = PickAndPlace(kr210, planner="rrt")
+    planned = run.mover.model
+
+    def model(margin, reaching):
+        run.cancel()
+        return planned(margin, reaching)
+
+    run.mover.model = model
+    (cycle,) = run.run(2)
+    assert cycle.reason == "cancelled"
+    assert events(run)[-1] == ("inverse kinematics", "FAILED")
+    assert run.robot.at_rest
+
+
+def test_slots_that_never_come_to_rest_are_an_error(kr210, monkeypatch):
+    run = PickAndPlace(kr210)
+    monkeypatch.setattr(run.robot, "speed", lambda name: 1.0)
+    with pytest.raises(PieperError, match="the things in their slots do not come to rest, after 8 s"):
+        list(run.run(1))
+
+
 def test_the_arm_stops_when_it_touches_what_it_should_not(kr210):
     class Blind(DirectMover):
         pass
