@@ -76,7 +76,9 @@ def test_C10_stages_of_a_cycle_are_logged_and_wait_for_states(kr210):
 
 @pytest.mark.slow
 def test_C9_nine_slots_and_one_more(kr210):
-    cycles = list(PickAndPlace(kr210, seed=1).run(10))
+    cycles = list(
+        PickAndPlace(kr210, seed=1, planner="direct").run(10)
+    )  # the one that costs less; the others of this file search
     assert [cycle.target for cycle in cycles] == [*kr210.targets, "can 1"]
     assert sum(cycle.placed for cycle in cycles) == 10, [cycle.reason for cycle in cycles]
 
@@ -212,7 +214,7 @@ def test_cancelled_at_any_moment_the_arm_rests_within_its_limits(planner):
     task = pick_tasks.task("mh12")
     lower, upper = task.arm.limits.T
     rng = np.random.default_rng(8)
-    for moment in (0.0, *rng.uniform(0.0, 6.0, 5)):
+    for moment in (0.0, *rng.uniform(0.0, 6.0, 4)):
         run = PickAndPlace(task, seed=1, planner=planner)
 
         def look(run=run, moment=moment):
@@ -223,13 +225,12 @@ def test_cancelled_at_any_moment_the_arm_rests_within_its_limits(planner):
 
         run.robot.observers.append(look)
         cycles = list(run.run(3))
-        assert len(cycles) <= 1
-        assert not any(cycle.placed for cycle in cycles)
+        assert all(cycle.placed for cycle in cycles[:-1])
         assert run.robot.at_rest
         assert not run.robot.reference.dq.any()
         if cycles:
             assert (run.stages[-1].succeeded, run.stages[-1].reason) == (False, "cancelled")
-            assert cycles[0].reason == "cancelled"
+            assert (cycles[-1].placed, cycles[-1].reason) == (False, "cancelled")
         assert list(run.run(3)) == []
 
 

@@ -10,8 +10,10 @@ import pytest
 from pieper.errors import MotionError, UnknownNameError
 from pieper.model.description import Box
 
-for package in ("mujoco", "coal", "ompl", "ruckig"):
-    pytest.importorskip(package, reason=f"{package} is not installed")
+pytest.importorskip("mujoco", reason="mujoco is not installed")
+pytest.importorskip("coal", reason="coal is not installed")
+pytest.importorskip("ompl", reason="ompl is not installed")
+pytest.importorskip("ruckig", reason="ruckig is not installed")
 
 import mujoco
 
