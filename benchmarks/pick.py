@@ -67,22 +67,22 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--direct-seeds", type=int, default=1, help="with the mover that does not search")
     options = parser.parse_args()
+    worst = tracking("kr210")
+    print(f"tracking error {1e3 * worst:.3f} mrad", flush=True)
     found: dict[str, dict[str, object]] = {}
     for planner, seeds in zip(PLANNERS, (options.seeds, options.direct_seeds), strict=True):
         for name in pick_tasks.names():
             cycles = options.cycles if name == "kr210" else options.others
             found.setdefault(name, {})[planner] = measured(name, planner, cycles, seeds)
             print(name, planner, results.rounded(found[name][planner]), flush=True)
-    worst = tracking("kr210")
-    print(f"tracking error {1e3 * worst:.3f} mrad")
-    path = results.save(
-        "pick",
-        method="nine slots, +-5 mm along x and y, +-5 deg of yaw, uniform; physics at 2 ms; poses known to the simulator; seeds from 0 on; "
-        "processor time of one process, models, start and planning included",
-        packages=["mujoco", "coal", "ompl", "ruckig"],
-        tracking_error_rad=worst,
-        arms=results.rounded(found),
-    )
+            path = results.save(
+                "pick",
+                method="nine slots, +-5 mm along x and y, +-5 deg of yaw, uniform; physics at 2 ms; poses known to the simulator; seeds from 0 on; "
+                "processor time of one process, models, start and planning included",
+                packages=["mujoco", "coal", "ompl", "ruckig"],
+                tracking_error_rad=worst,
+                arms=results.rounded(found),
+            )
     print(f"wrote {path}")
 
 

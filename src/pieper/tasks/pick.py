@@ -298,6 +298,7 @@ class PickAndPlace:
         self._held: _Held | None = None
         self._tolerated: frozenset[tuple[str, str]] = frozenset()
         self._models: dict[bytes, CollisionModel] = {}
+        self._hands: dict[tuple[_Held | None, float], CollisionModel] = {}
 
     def cancel(self) -> None:
         """End the run as soon as it can: the stage that runs fails as cancelled, the arm comes to rest, and no cycle follows.
@@ -317,35 +318,37 @@ class PickAndPlace:
             Whether the target, which the hand is then about to touch, is left out.
         """
         robot, task = self.robot, self.task
-        held = None if self._held is None else self._held.name
-        out = {held, self._target if reaching else None}
+        out = {self._held.name if self._held is not None else None, self._target if reaching else None}
         things = [
             Item(thing.name, thing.solid, robot.pose(thing.name))
             for thing in task.scene.objects
             if thing.name not in out
         ]
-        width = None if held is None else round(self.gripper.width, 3)
+        hand = self._hand_model(margin)
         key = (
-            np.round([*(thing.pose for thing in things)], 4).tobytes()
-            + repr((held, width, margin, reaching, self._target)).encode()
+            np.round([thing.pose for thing in things], 4).tobytes() + repr((id(hand), reaching, self._target)).encode()
         )
         if key not in self._models:
-            tool = [
-                Item(f"gripper/{name}", solid, task.gripper.T_tip_mount @ T)
-                for name, (solid, T) in task.gripper.solids(width).items()
-            ]
-            attached = (
-                []
-                if self._held is None
-                else [Item(self._held.name, task.scene.object(self._held.name).solid, self._held.T_tip_object)]
-            )
             if task.scene.floor is not None:
                 things.append(Item("floor", Box(np.array([20.0, 20.0, 0.1])), at(0.0, 0.0, task.scene.floor - 0.05)))
             self._models = dict([*self._models.items()][-3:])
-            self._models[key] = CollisionModel(
-                task.arm, World(tuple(things)), tool=tool, attached=attached, margin=margin
-            )
+            self._models[key] = hand.with_world(World(tuple(things)))
         return self._models[key]
+
+    def _hand_model(self, margin: float) -> CollisionModel:
+        """The arm with its gripper and what it holds, alone; made once for every grasp."""
+        key = (self._held, margin)
+        if key not in self._hands:
+            task, held = self.task, self._held
+            tool = [
+                Item(f"gripper/{name}", solid, task.gripper.T_tip_mount @ T)
+                for name, (solid, T) in task.gripper.solids(None if held is None else self.gripper.width).items()
+            ]
+            attached = [] if held is None else [Item(held.name, task.scene.object(held.name).solid, held.T_tip_object)]
+            self._hands = {other: model for other, model in self._hands.items() if other[0] in (None, held)}
+            self._models = {}
+            self._hands[key] = CollisionModel(task.arm, tool=tool, attached=attached, margin=margin)
+        return self._hands[key]
 
     def blocked(self, q: FloatArray) -> str:
         """What the arm, with what it holds, would touch at joint values (n,), in words; empty when nothing."""
