@@ -100,6 +100,15 @@ def test_places_depend_on_seed_and_cycle_alone(kr210):
     assert np.abs(yaw).max() > 0.3 * kr210.yaw_noise
 
 
+def test_the_same_seed_gives_the_same_run_to_the_last_bit():
+    task = pick_tasks.task("mh12")
+    runs = [PickAndPlace(task, seed=6) for _ in range(2)]
+    for run in runs:
+        assert [cycle.placed for cycle in run.run(1)] == [True]
+    assert runs[0].stages == runs[1].stages
+    np.testing.assert_array_equal(runs[0].robot.data.qpos, runs[1].robot.data.qpos)
+
+
 @pytest.mark.parametrize("name", [name for name in pick_tasks.names() if name != "kr210"])
 def test_other_arms_by_configuration_only(name):
     run = PickAndPlace(pick_tasks.task(name), seed=2)
