@@ -215,6 +215,7 @@ def shelf(
     edges: Iterable[float],
     boards: Iterable[float],
     top: float,
+    floor: float = 0.0,
     thickness: float = 0.03,
     color: str = WOOD,
 ) -> tuple[SceneObject, ...]:
@@ -230,23 +231,26 @@ def shelf(
     boards : floats
         Heights of the upper sides of the boards [m].
     top : float
-        Height of the walls and of the lid [m].
+        Height of the upper ends of the walls and of the lid [m].
+    floor : float
+        Height that the walls begin at [m].
     thickness : float
         Of boards and walls [m].
     """
     ys, heights = sorted(edges), sorted(boards)
     deep, middle = x[1] - x[0], 0.5 * (x[0] + x[1])
     wide, y = ys[-1] - ys[0], 0.5 * (ys[0] + ys[-1])
+    high = top - floor
     parts = [
         SceneObject(f"{name}/board{k}", _box(deep, wide, thickness), at(middle, y, h - 0.5 * thickness), color=color)
         for k, h in enumerate([*heights, top])
     ]
     parts += [
-        SceneObject(f"{name}/wall{k}", _box(deep, thickness, top), at(middle, side, 0.5 * top), color=color)
+        SceneObject(f"{name}/wall{k}", _box(deep, thickness, high), at(middle, side, floor + 0.5 * high), color=color)
         for k, side in enumerate(ys)
     ]
-    back = _box(0.5 * thickness, wide, top)
-    parts.append(SceneObject(f"{name}/back", back, at(x[1], y, 0.5 * top), color=color))
+    back = _box(0.5 * thickness, wide, high)
+    parts.append(SceneObject(f"{name}/back", back, at(x[1], y, floor + 0.5 * high), color=color))
     return tuple(parts)
 
 
