@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
+from scipy.stats import f as fisher
 
 import pieper
 from pieper.errors import UnknownNameError, VisionError
@@ -269,6 +270,27 @@ def test_corners_say_who_is_odd():
     assert abs(found.T_mount_camera - X).max() < 1e-6
     with pytest.raises(VisionError, match="a view for every pose, got 9 views and 10 poses"):
         calibrate_hand_eye_from_views(hands, views[:9], BOARD, CAMERA)
+
+
+def test_the_uncertainty_from_corners_knows_errors_of_the_robot():
+    """Squared errors over a covariance from 14 poses are Hotelling's T2 with 13 degrees of freedom, when the robot errs by more than the corners do."""
+    limit = 6 * 13 / 8 * fisher.ppf(0.99, 6, 8)
+    X, Y = pose.from_xyz_rpy([0.02, 0.0, 0.1], [0.0, 0.2, 0.0]), pose.from_xyz_rpy([0.5, 0.0, 0.0], [np.pi, 0.0, 0.0])
+    squares = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        turns = rotation.from_rotation_vector(rng.uniform(-0.6, 0.6, (14, 3)))
+        places = np.array([0.0, 0.0, 0.45]) + rng.uniform(-0.03, 0.03, (14, 3)) - turns @ np.array([0.1, 0.08, 0.0])
+        seen = pose.from_position_rotation(places, turns)
+        off = pose.from_position_rotation(
+            3e-4 * rng.normal(size=(14, 3)), rotation.from_rotation_vector(1e-3 * rng.normal(size=(14, 3)))
+        )
+        views = [BoardView(f"{k}.png", *corners(T)) for k, T in enumerate(seen)]
+        found = calibrate_hand_eye_from_views(Y @ pose.inverse(seen) @ pose.inverse(X) @ off, views, BOARD, CAMERA)
+        error = away(found.T_mount_camera, X)
+        squares.append(error @ np.linalg.solve(found.covariance, error))
+    assert sum(square > limit for square in squares) <= 1
+    assert np.median(squares) > 1.0
 
 
 def test_a_chessboard_that_was_found_upside_down_is_turned():

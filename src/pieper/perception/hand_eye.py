@@ -272,9 +272,9 @@ def calibrate_hand_eye_from_views(
 
     Notes
     -----
-    What is minimised is the distance of the corners in the image. `covariance` is the sandwich over poses (Huber 1967): errors of the robot, which
-    move all corners of an image together, are in it. A chessboard that looks the same when it is turned by half a turn may be told
-    wrongly; a ChArUco board never is.
+    What is minimised is the distance of the corners in the image. `covariance` is that of the jackknife over poses, to first order, unless the scatter
+    of the corners alone makes it larger: errors of the robot, which move all corners of an image together, are in it. From n poses it is
+    itself known as well as n samples tell. Single views of a chessboard that were taken upside down are turned; a ChArUco board has no such trouble.
     """
     seen = list(views)
     if len(seen) != len(np.atleast_1d(np.asarray(Ts_base_tcp, dtype=object))):
@@ -754,9 +754,14 @@ def _refined_over_pixels(
     X, Y = _least_squares(of, lambda X, Y: _slopes(of, X, Y), X, Y)
     r, J = of(X, Y), _slopes(of, X, Y)
     bread = np.linalg.inv(J.T @ J)
-    pulls = np.array([J[a:b].T @ r[a:b] for a, b in pairwise(rows)])
     n = len(views)
-    clustered = bread @ (pulls.T @ pulls) @ bread * (n / max(n - 2, 1))  # twelve numbers use up two poses of six
+    whole = np.linalg.inv(bread)
+    spread = np.zeros((12, 12))
+    for start, end in pairwise(rows):
+        S, pull = J[start:end].T @ J[start:end], J[start:end].T @ r[start:end]
+        moved = np.linalg.lstsq(whole - S, pull, rcond=None)[0]  # how far all is moved when this pose is left out
+        spread += np.outer(moved, moved)
+    clustered = spread * ((n - 1) / n)
     alone = bread * float(r @ r) / max(len(r) - 12, 1)
     covariance = clustered if np.trace(clustered[:6, :6]) > np.trace(alone[:6, :6]) else alone
     return X, Y, covariance, float(np.sqrt((r @ r) / (len(r) / 2)))

@@ -67,7 +67,9 @@ BIN = "#84888c"
 LIGHT_SPREAD, CAST_SPREAD = 0.5, 0.12
 """Standard deviations of the light and of its colour that the cans are known under, as logarithms; more than a tracker needs, for here it jumps."""
 
-_AHEAD = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])  # z along x
+_AHEAD = np.array(
+    [[0.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+)  # z along x
 _DOWN = np.diag([-1.0, 1.0, -1.0, 1.0])  # a grasp from above
 _ENCODER_NOISE = 5e-5  # [rad] of what the arm says of its joints while it is calibrated
 _RULER = 0.05, float(np.radians(3.0))  # [m], [rad] how well the plan of captures knows where camera and board are
