@@ -330,7 +330,9 @@ class PickAndPlace:
         )
         if key not in self._models:
             if task.scene.floor is not None:
-                things.append(Item("floor", Box(np.array([20.0, 20.0, 0.1])), at(0.0, 0.0, task.scene.floor - 0.05)))
+                things.append(
+                    Item("the floor", Box(np.array([20.0, 20.0, 0.1])), at(0.0, 0.0, task.scene.floor - 0.05))
+                )
             self._models = dict([*self._models.items()][-3:])
             self._models[key] = hand.with_world(World(tuple(things)))
         return self._models[key]
@@ -413,8 +415,7 @@ class PickAndPlace:
                 self._pick()
                 self._place()
                 placed = True
-            except _CancelledError as failed:
-                reason = str(failed)
+            except _CancelledError:
                 break
             except _FailedError as failed:
                 reason = str(failed)
@@ -422,7 +423,7 @@ class PickAndPlace:
                     break
         if self.cancelled:
             self._halt()
-            return Cycle(number, self._target, placed, attempt, "" if placed else reason, self.robot.time - start)
+            return Cycle(number, self._target, placed, attempt, "" if placed else "cancelled", self.robot.time - start)
         with suppress(_FailedError), self._stage("next target"):
             left = len(self.task.targets) - 1 - (number - 1) % len(self.task.targets)
             if not placed:
