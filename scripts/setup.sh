@@ -91,14 +91,14 @@ ensure_fast_dds() {
   }
 }
 
-# OpenGL without a screen, for the tests that draw pictures; after ensure_package. They skip where it cannot be had.
+# OpenGL without a screen, for films and the tests that draw pictures; after ensure_package. These skip where it cannot be had.
 ensure_gl() {
   local given_up=$root/build/without-gl
   if [ "$(uname -s)" != Linux ] || [ -e "$given_up" ] || draws_without_a_screen; then return; fi
   ( install_debian "OpenGL that draws without a screen is" libegl1 libgl1-mesa-dri ) && draws_without_a_screen || {
     mkdir -p "$root/build"
     touch "$given_up"
-    say "   the tests that draw pictures will be skipped; to try again, remove build/without-gl"
+    say "   nothing can be drawn, and the tests that do will be skipped; to try again, remove build/without-gl"
   }
 }
 
@@ -201,6 +201,14 @@ ensure_package() {
     "$python" -m pip install "${arguments[@]}"
   once package "$fingerprint" "compiling and installing pieper" \
     env PATH="$venv/bin:$PATH" "$python" -m pip install --no-build-isolation .
+}
+
+# ensure_extras EXTRA...: what those extras of pieper bring, after ensure_package.
+ensure_extras() {
+  local extras
+  extras=$(IFS=,; printf '%s' "$*")
+  once "extras-${extras//,/-}" "$(sha256sum <pyproject.toml)" "installing what this needs ($extras)" \
+    "$python" -m pip install "pieper[$extras]"
 }
 
 # A tool that tests compare with, after ensure_package. It asks for opencv-python, which would overwrite opencv-python-headless; what

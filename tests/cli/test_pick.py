@@ -66,6 +66,9 @@ def test_what_is_not_placed_is_an_exit_code(capsys, monkeypatch):
         (["--cycles", "0"], 2, "--cycles must be 1 or more, got 0"),
         (["--seed", "-1"], 2, "--seed must be 0 or more"),
         (["--record", "film.avi"], 2, "a film must end in"),
+        (["--planner", "prm"], 2, "no planner 'prm'; planners are: rrt, direct"),
+        (["--arm", "mh12", "--task", "mine.yaml"], 2, "give one of them"),
+        (["--task", "not there.yaml"], 2, "not there.yaml: No such file"),
         (["--record", "film.mp4", "--size", "wide"], 2, "--size must be width x height"),
         (["--record", "film.mp4", "--speed", "0"], 2, "speed must be a positive number"),
     ],
@@ -79,8 +82,31 @@ def test_bad_input_is_said_before_anything_moves(capsys, typed, code, words):
 def test_a_window_needs_a_screen(capsys, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    assert main(["pick", "--cycles", "1", "--view"]) == 3
+    assert main(["pick", "--cycles", "1", "--window"]) == 3
     assert "--record FILE" in said(capsys)[1]
+
+
+def test_a_task_is_written_changed_and_run(capsys, tmp_path):
+    file = tmp_path / "mine.yaml"
+    assert main(["pick", "--arm", "mh12", "--write-task", str(file)]) == 0
+    assert "pieper pick --task" in said(capsys)[0]
+    file.write_text(file.read_text().replace("name: mh12", "name: mine").replace("mass: 0.25", "mass: 0.4"))
+    assert main(["pick", "--task", str(file), "--cycles", "1"]) == 0
+    out, _ = said(capsys)
+    assert "1 of 1 placed" in out
+    file.write_text(file.read_text().replace("mass: 0.4", "mass: heavy"))
+    assert main(["pick", "--task", str(file), "--log", str(file)]) == 2
+    assert "it would be lost, so name another file" in said(capsys)[1]
+    assert main(["pick", "--task", str(file), "--cycles", "1"]) == 2
+    assert f"{file}, line 16, targets.mass: must be a number, got 'heavy'" in said(capsys)[1]
+
+
+def test_without_the_planner_the_command_says_so(capsys, monkeypatch):
+    monkeypatch.setattr("pieper.tasks.pick.is_there", lambda: False)
+    assert main(["pick", "--arm", "mh12", "--cycles", "1"]) == 0
+    assert "pip install 'pieper[plan]'" in said(capsys)[0]
+    assert main(["pick", "--arm", "mh12", "--cycles", "1", "--planner", "direct"]) == 0
+    assert "pip install" not in said(capsys)[0]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="interrupts are signals elsewhere")
@@ -99,4 +125,21 @@ def test_ctrl_c_keeps_what_was_done(tmp_path):
     assert "1 of 500 placed" in out
     assert "goes on after cycle 1" in out
     assert "interrupted" in err
+    assert "FAILED  cancelled" in out
     assert len(log.read_text().splitlines()) == 1
+
+
+def test_by_sight(capsys, tmp_path):
+    pytest.importorskip("cv2", reason="OpenCV is not installed")
+    film = tmp_path / "see.gif"
+    line = ["pick", "--see", "--arm", "ur10e", "--cycles", "1", "--seed", "3", "--record", str(film)]
+    assert main([*line, "--size", "160x120", "--fps", "2"]) == 0
+    out, _ = said(capsys)
+    lines = out.splitlines()
+    assert lines[0].startswith("camera at (0.6")
+    assert "px RMS" in lines[0]
+    assert sum("red can" in line and "SUCCEEDED" in line for line in lines) == 9
+    assert lines[-1].startswith("1 of 1 placed")
+    assert film.stat().st_size > 1000
+    assert main(["pick", "--see", "--arm", "youbot"]) == 2
+    assert "no arm that picks by sight 'youbot'" in said(capsys)[1]

@@ -340,3 +340,26 @@ def test_without_coal_the_message_says_what_to_install(monkeypatch: pytest.Monke
     monkeypatch.setitem(sys.modules, "coal", None)
     with pytest.raises(MissingExtraError, match=r"coal is not installed.*pip install 'pieper\[plan\]'"):
         CollisionModel(pieper.load("ur5e"))
+
+
+@pytest.mark.parametrize("name", ["ur5e", "kr210", "youbot"])
+def test_a_model_in_another_world_is_the_one_made_there(name: str) -> None:
+    arm = pieper.load(name)
+    reach = CollisionModel(arm).reach_bound
+    can = Item("can in hand", Cylinder(0.02, 0.1), at(0, 0, 0.1), may_touch=("ball",))
+    options = {"attached": [can], "tool": [Item("hand", Box([0.05, 0.05, 0.08]), at(0, 0, 0.04))], "margin": 0.02}
+    allowed = [(can.name, "floor")]
+    first = CollisionModel(arm, cluttered(reach), **options, allowed=allowed)
+    other = World(
+        tuple(replace(item, T=item.pose @ at(0.1, 0.2, 0.0)) for item in cluttered(reach) if item.name != "floor")
+    )
+    moved, fresh = first.with_world(other), CollisionModel(arm, other, **options)
+    assert moved.self_pairs == fresh.self_pairs
+    assert (moved.names, moved.allowed) == (fresh.names, ())
+    q = states(arm.chain, 100)
+    np.testing.assert_array_equal(moved.bounds(q, np.inf), fresh.bounds(q, np.inf))
+    np.testing.assert_array_equal(
+        first.is_free(q), CollisionModel(arm, cluttered(reach), **options, allowed=allowed).is_free(q)
+    )
+    with pytest.raises(WorldError, match="'hand' is the name of two"):
+        first.with_world(World((Item("hand", Sphere(0.1)),)))

@@ -2,23 +2,48 @@
 
 from __future__ import annotations
 
+import signal
+import sys
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pieper.cli.outputs import keep_apart
+from pieper.cli.screen import has_display
 from pieper.cli.show import console
+from pieper.cli.signals import handled
 from pieper.errors import ArrayError
 
 if TYPE_CHECKING:
     from pieper.sim.scene_view import Recording
-    from pieper.tasks.pick import Cycle, PickAndPlace, Stage
+    from pieper.tasks.pick import Cycle, PickAndPlace, PickTask, Stage
+    from pieper.tasks.pick_view import PickView
+    from pieper.tasks.see import SeeAndPick, SeeTask
 
 _FILM_SIZE = "640x480"
+_PATIENCE = 20.0  # [s] for somebody to open the page
 
 
 def pick(
-    arm: Annotated[str, typer.Option("--arm", metavar="ARM", help="kr210, ur10e, mh12 or youbot.")] = "kr210",
+    arm: Annotated[str | None, typer.Option("--arm", metavar="ARM", help="kr210, ur10e, mh12 or youbot.")] = None,
+    see: Annotated[
+        bool,
+        typer.Option(
+            "--see",
+            help="Cans anywhere on a table, in random light, found by a camera that is calibrated first; kr210 or ur10e.",
+        ),
+    ] = False,
+    task_file: Annotated[
+        Path | None, typer.Option("--task", metavar="FILE.yaml", help="Another task, instead of --arm.")
+    ] = None,
+    write_task: Annotated[
+        Path | None,
+        typer.Option("--write-task", metavar="FILE.yaml", help="Write the task of --arm to change, and end."),
+    ] = None,
     cycles: Annotated[
         int, typer.Option("--cycles", metavar="N", help="How many things to pick, one after another.")
     ] = 9,
@@ -26,7 +51,18 @@ def pick(
     record: Annotated[
         Path | None, typer.Option("--record", metavar="FILE", help="Film it: an .mp4 or .gif file.")
     ] = None,
-    view: Annotated[bool, typer.Option("--view", help="Show it in MuJoCo's window, in real time.")] = False,
+    view: Annotated[bool, typer.Option("--view", help="Show it in the browser, in real time.")] = False,
+    window: Annotated[
+        bool, typer.Option("--window", help="Show it in MuJoCo's own window, which needs a screen.")
+    ] = False,
+    planner: Annotated[
+        str | None,
+        typer.Option(
+            "--planner",
+            metavar="NAME",
+            help="rrt searches for ways, direct tries straight ones; rrt where it is installed.",
+        ),
+    ] = None,
     log: Annotated[
         Path | None,
         typer.Option(
@@ -40,19 +76,22 @@ def pick(
 ) -> int:
     """Pick things out of slots and place them in a bin, with contact physics; 0 when all are placed, 1 when not."""
     from pieper.sim import film
-    from pieper.sim.scene_view import Recording
-    from pieper.tasks.pick import PickAndPlace
+    from pieper.tasks.pick import PickAndPlace, chosen_planner
     from pieper.tasks.pick_log import PickLog
-    from pieper.tasks.pick_tasks import task
 
     if cycles < 1:
         raise ArrayError(f"--cycles must be 1 or more, got {cycles}")
     if seed < 0:
         raise ArrayError(f"--seed must be 0 or more, got {seed}")
     pixels = _size(size)
+    keep_apart([task_file], {"--record": record, "--log": log, "--write-task": write_task})
+    if write_task is not None:
+        return _write_task(arm or "kr210", task_file, write_task)
     if record is not None:
         film.check_format(record)
-    wanted = task(arm)
+    chosen_planner(planner)
+    sight = _by_sight(arm, task_file, planner) if see else None
+    wanted = _task(arm, task_file) if sight is None else sight.pick
     kept = None if log is None else PickLog(log, wanted.name, seed)
     done: list[Cycle] = [] if kept is None else kept.done[:cycles]
     out = console()
@@ -63,43 +102,148 @@ def pick(
     if len(done) >= cycles:
         return _count(done)
     filmed: list[Recording] = []
+    pages: list[PickView] = []
 
     def told(stage: Stage) -> None:
         if filmed:
             filmed[0].caption = f"{wanted.name}  cycle {stage.cycle} of {cycles}: {_next_stage(stage)}"
+        if pages:
+            pages[0].say(
+                f"{stage.cycle}  {stage.target}: {stage.name}" + (f"  FAILED  {stage.reason}" if stage.reason else "")
+            )
         if not quiet:
             out.print(
                 str(stage), style=None if stage.succeeded else "red", markup=False, highlight=False, soft_wrap=True
             )
 
-    run = PickAndPlace(wanted, seed=seed, log=told)
+    run = (
+        PickAndPlace(wanted, seed=seed, planner=planner, log=told) if sight is None else _seeing(sight, seed, told)
+    )
+    if not quiet and planner is None and run.planner == "direct":
+        out.print("ways are straight ones; to search for them: pip install 'pieper[plan]'", markup=False)
     if record is not None:
-        filmed.append(Recording(run.robot, fps=fps, speed=speed))
-    closing = _shown(run) if view else None
+        filmed.append(_recording(run, fps, speed))
     first = len(done) + 1
-    interrupted = False
-    try:
-        with _bar(quiet) as bar:
-            job = bar.add_task("cycles", total=cycles, completed=len(done))
-            for cycle in run.run(cycles - len(done), first=first):
-                done.append(cycle)
-                if kept is not None:
-                    kept.add(cycle, [stage for stage in run.stages if stage.cycle == cycle.number])
-                bar.update(job, completed=len(done))
-    except KeyboardInterrupt:
-        interrupted = True
-        run.robot.stop()
-    finally:
-        if closing is not None:
-            closing()
+    with ExitStack() as undo, handled((signal.SIGINT, signal.SIGTERM), _canceller(run)):
+        if isinstance(run, AbstractContextManager):
+            undo.enter_context(run)
+        if window:
+            undo.callback(_shown(run))
+        if view:
+            pages.append(_opened(run, undo))
+        bar = undo.enter_context(_bar(quiet))
+        job = bar.add_task("cycles", total=cycles, completed=len(done))
+        for cycle in run.run(cycles - len(done), first=first):
+            if run.cancelled and not cycle.placed:
+                break
+            done.append(cycle)
+            if kept is not None:
+                kept.add(cycle, [stage for stage in run.stages if stage.cycle == cycle.number])
+            bar.update(job, completed=len(done))
+        if pages:
+            _leave_open(run, pages[0], done, cycles)
     if record is not None and filmed[0].moments:
         _film(filmed[0], record, pixels)
     code = _count(done, cycles)
-    if interrupted:
+    if run.cancelled and len(done) < cycles:
         if log is not None:
             out.print(f"the same command goes on after cycle {len(done)}", markup=False)
         raise KeyboardInterrupt
     return code
+
+
+def _task(arm: str | None, file: Path | None) -> PickTask:
+    from pieper.tasks.pick_file import read_pick_task
+    from pieper.tasks.pick_tasks import task
+
+    if file is None:
+        return task(arm or "kr210")
+    if arm is not None:
+        raise ArrayError("--arm and --task both say what to do; give one of them (the file names its arm)")
+    return read_pick_task(file)
+
+
+def _by_sight(arm: str | None, file: Path | None, planner: str | None) -> SeeTask:
+    from pieper.tasks.see import see_task
+
+    if file is not None or planner is not None:
+        raise ArrayError("--see has tasks and ways of its own; leave --task and --planner out")
+    return see_task(arm or "kr210")
+
+
+def _seeing(sight: SeeTask, seed: int, told: Callable[[Stage], None]) -> SeeAndPick:
+    """A run by sight; says where its camera is."""
+    from pieper.tasks.see import SeeAndPick, calibrate_cell
+
+    found = calibrate_cell(sight, seed=seed)
+    x, y, z = found.T_mount_camera[:3, 3]
+    console().print(
+        f"camera at ({x:.4f}, {y:.4f}, {z:.4f}) m +- {1e3 * max(found.position_deviation):.2f} mm, from {int(found.used.sum())} views of a board, "
+        f"{found.pixel_rms:.2f} px RMS",
+        markup=False, highlight=False, soft_wrap=True,
+    )  # fmt: skip
+    return SeeAndPick(sight, seed=seed, calibration=found, log=told)
+
+
+def _recording(run: PickAndPlace, fps: float, speed: float) -> Recording:
+    from pieper.sim.scene_view import Recording
+    from pieper.tasks.see import SeeAndPick
+    from pieper.tasks.see_film import SeeRecording
+
+    if isinstance(run, SeeAndPick):
+        return SeeRecording(run, fps=fps, speed=speed)
+    return Recording(run.robot, fps=fps, speed=speed)
+
+
+def _write_task(arm: str, file: Path | None, path: Path) -> int:
+    from pieper.tasks.pick_tasks import task_file
+    from pieper.yaml_file import write_bytes
+
+    if file is not None:
+        raise ArrayError("--write-task writes the task of --arm; of --task there is a file already")
+    write_bytes(path, task_file(arm))
+    console().print(f"wrote {path}; change it, and: pieper pick --task {path}", markup=False, soft_wrap=True)
+    return 0
+
+
+def _canceller(run: PickAndPlace) -> Callable[..., None]:
+    """Ends the run at the first signal, with the arm at rest, and the command at the second."""
+
+    def asked(*_: object) -> None:
+        if run.cancelled:
+            raise KeyboardInterrupt
+        run.cancel()
+
+    return asked
+
+
+def _opened(run: PickAndPlace, undo: ExitStack) -> PickView:
+    """The page, once somebody looks at it, or has not for a while."""
+    from pieper.tasks.pick_view import PickView
+
+    page = undo.enter_context(PickView(run))
+    console().print(
+        f"{page.url}\nopen this page; the arm begins then, or in {_PATIENCE:.0f} s. Ctrl-C ends it.",
+        markup=False,
+        soft_wrap=True,
+    )
+    sys.stdout.flush()
+    if has_display():
+        import webbrowser
+
+        webbrowser.open(page.url)
+    if not page.wait_for_page(longest=_PATIENCE) and not run.cancelled:
+        console().print("nobody has opened the page yet; beginning without", markup=False)
+    return page
+
+
+def _leave_open(run: PickAndPlace, page: PickView, done: list[Cycle], cycles: int) -> None:
+    """The page stays until it is left, or until Ctrl-C."""
+    page.say(f"{sum(cycle.placed for cycle in done)} of {cycles} placed; close this page to end")
+    if page.is_watched and not run.cancelled:
+        console().print("done; close the page, or Ctrl-C, to end", markup=False)
+    while page.is_watched and not run.cancelled:
+        time.sleep(0.2)
 
 
 def _next_stage(stage: Stage) -> str:

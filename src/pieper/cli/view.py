@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 from contextlib import contextmanager, suppress
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pieper.cli.arguments import ArmName, Base, Degrees, Nominal, Tip, load
+from pieper.cli.screen import has_display
 from pieper.cli.signals import handled
 from pieper.cli.target import seed_values
 from pieper.errors import ArrayError, PieperError
@@ -135,7 +135,7 @@ def view(
                 typer.echo(f"port {USUAL_PORT} is taken: this is port {server.port}")
             typer.echo(f"{robot.name}  {server.url}\nCtrl-C ends it")
             sys.stdout.flush()
-            if browser and _has_display():
+            if browser and has_display():
                 import webbrowser
 
                 webbrowser.open(server.url)
@@ -182,13 +182,6 @@ def _iterations(
         Track.from_steps(robot, iterate(robot.chain, goal, q, k1=gain, **options), name=f"gain {gain:g}")
         for gain in gains
     ]
-
-
-def _has_display() -> bool:
-    """Whether a window could be opened here."""
-    if sys.platform in ("win32", "darwin"):
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 @contextmanager

@@ -7,6 +7,8 @@ measures the solids themselves. Coal also tells the nearest pair, points and con
 
 from __future__ import annotations
 
+import copy
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -175,7 +177,9 @@ class CollisionModel:
                 f"since links farther apart than that are not looked at; got {self.margin:g} m"
             )
         self._place_world()
-        self._choose_pairs()
+        self._choose_world_pairs()
+        self._self_first = self._self_second = np.zeros(0, dtype=np.int64)
+        self.self_pairs = self._choose_self_pairs([each.name for each in self._moving_solids])
 
     # --- what there is
 
@@ -191,17 +195,10 @@ class CollisionModel:
         moving = [self._moving(each.link, each.name, each.solid, each.T_link_solid) for each in solids]
         self._links = len({each.name for each in moving})
         carried = (*self.tool, *self.attached)
-        names = [*dict.fromkeys(each.name for each in moving), *(item.name for item in carried), *self.world.names]
-        twice = next((name for name in names if names.count(name) > 1), None)
-        if twice is not None:
-            raise WorldError(f"{twice!r} is the name of two of the links, tools and items; rename one")
+        names = [*dict.fromkeys(each.name for each in moving), *(item.name for item in carried)]
+        self._moving_names = tuple(names)
         moving += [self._moving(last, item.name, item.solid, T_last_tip @ item.pose) for item in carried]
         self._moving_solids = moving
-        self.names = tuple(names)
-        known = {*names, *(frame.name for frame in self.chain.frames)}
-        for name in (name for pair in self.allowed for name in pair):
-            if name not in known:
-                raise unknown_name("name", name, names, f"the collision model of {self.chain.name!r}")
         self._body = np.array([each.body for each in moving], dtype=np.int64)
         self._ends = np.array([[each.a, each.b] for each in moving]).reshape(-1, 2, 3)
         ones = np.ones((len(moving), 1, 2))
@@ -232,6 +229,15 @@ class CollisionModel:
 
     def _place_world(self) -> None:
         """Every obstacle as one or two boxes swept by balls, which hold it."""
+        names = [*self._moving_names, *self.world.names]
+        twice = next((name for name, count in Counter(names).items() if count > 1), None)
+        if twice is not None:
+            raise WorldError(f"{twice!r} is the name of two of the links, tools and items; rename one")
+        self.names = tuple(names)
+        known = {*names, *(frame.name for frame in self.chain.frames)}
+        for name in (name for pair in self.allowed for name in pair):
+            if name not in known:
+                raise unknown_name("name", name, names, f"the collision model of {self.chain.name!r}")
         rows: list[tuple[int, FloatArray, FloatArray, float, bool]] = []
         for number, item in enumerate(self.world):
             rows += [(number, *row) for row in _enclosures(item)]
@@ -255,7 +261,7 @@ class CollisionModel:
         touches = {item.name: item.may_touch for item in (*self.tool, *self.attached, *self.world)}
         return second in touches.get(first, ()) or first in touches.get(second, ())
 
-    def _choose_pairs(self) -> None:
+    def _choose_world_pairs(self) -> None:
         names = [each.name for each in self._moving_solids]
         pairs = [
             (p, k)
@@ -272,8 +278,6 @@ class CollisionModel:
         self._row_beyond = np.where(self._row_wanted, self._reach[:, None] + self._row_sweep, -np.inf)
         starts = np.flatnonzero(np.diff(self._body, prepend=-1))
         self._runs = starts, self._body[starts]
-        self._self_first = self._self_second = np.zeros(0, dtype=np.int64)
-        self.self_pairs = self._choose_self_pairs(names)
 
     def _choose_self_pairs(self, names: list[str]) -> SelfPairs:
         bodies: dict[str, int] = {}
@@ -670,8 +674,14 @@ class CollisionModel:
         return self._changed(margin=margin)
 
     def with_world(self, world: World) -> CollisionModel:
-        """The same in another world."""
-        return self._changed(world=world)
+        """The same in another world; quick, since the pairs of links are those of this one."""
+        other = copy.copy(self)
+        other.world = world
+        known = {*(frame.name for frame in self.chain.frames), *self._moving_names, *world.names}
+        other.allowed = tuple(pair for pair in self.allowed if known.issuperset(pair))  # what is gone needs no leave
+        other._place_world()
+        other._choose_world_pairs()
+        return other
 
     def grasp(self, name: str, q: ArrayLike) -> CollisionModel:
         """The model once the item of that name is held by the tip, where it is now, at joint values (n,).

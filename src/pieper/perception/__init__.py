@@ -10,6 +10,9 @@
 `field_view`     where on the field a pixel looks: metres from pixels, or pixels as they are
 `board`          boards to calibrate a lens with: to print, and to find in an image
 `calibration`    a lens from pictures of a board
+`hand_eye`       where a camera is on a robot: on its hand or in its cell, from poses and a board
+`capture_plan`   from where to look for that
+`upright`        where an upright cylinder of known size stands, from its outline in one image
 `field`          where the field lies, from corners, field lines or AprilTags
 `field_lines`    the lines of fields, and where they are in an image
 `color_table`    which colour a pixel is, as a table over all pixels

@@ -131,6 +131,11 @@ class Board:
         """Width and height [m], without margin."""
         return self.squares[0] * self.square, self.squares[1] * self.square
 
+    @property
+    def module(self) -> float:
+        """Side of the smallest square that has to be told apart: of a marker's modules, or of the board [m]."""
+        return self.square if self.kind == "chessboard" else self.marker / (int(self.dictionary[0]) + 2)
+
     @cached_property
     def corners(self) -> FloatArray:
         """Inner corners, ``(n, 2)``, row by row [m]."""

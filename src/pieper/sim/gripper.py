@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pieper.errors import ArrayError
-from pieper.sim.mujoco_arm import quaternion
+from pieper.model.description import Box, Cylinder
+from pieper.sim.mujoco_arm import primitive, quaternion
 from pieper.sim.offscreen import import_mujoco
-from pieper.sim.scene import friction_vector, pose
+from pieper.sim.scene import at, friction_vector, pose
 from pieper.sim.stage import rgb
 
 FloatArray = NDArray[np.float64]
@@ -112,48 +113,59 @@ class ParallelGripper:
         """Fingers closer than this hold nothing [m]."""
         return 0.02 * self.stroke + 2.0 * _SAG
 
+    def solids(self, width: float | None = None) -> dict[str, tuple[Box | Cylinder, FloatArray]]:
+        """What the gripper is made of, with the pads `width` [m] apart, the stroke by default: solids and their poses (4, 4) in the mount.
+
+        >>> sorted(ParallelGripper(stroke=0.1, force=40.0, reach=0.15).solids())
+        ['finger/left/bar', 'finger/left/pad', 'finger/right/bar', 'finger/right/pad', 'palm/neck', 'palm/plate']
+        """
+        thick, wide, long = map(float, self.pad)
+        behind = self.reach - 0.5 * long  # where the pads begin
+        plate = 0.35 * behind
+        neck, half = behind - plate, 0.5 * (self.stroke if width is None else width)
+        start, end = neck + 0.6 * plate, self.reach + 0.5 * long
+        found: dict[str, tuple[Box | Cylinder, FloatArray]] = {
+            "palm/neck": (Cylinder(0.6 * wide, neck), at(0.0, 0.0, 0.5 * neck)),
+            "palm/plate": (
+                Box(np.array([1.4 * wide, self.stroke + 4.0 * thick, 0.6 * plate])),
+                at(0.0, 0.0, neck + 0.3 * plate),
+            ),
+        }
+        for name, side in zip(_FINGERS, (1.0, -1.0), strict=True):
+            found[f"{name}/bar"] = (
+                Box(np.array([0.8 * wide, thick, end - start])),
+                at(0.0, side * (half + 1.5 * thick), 0.5 * (start + end)),
+            )
+            found[f"{name}/pad"] = (Box(self.pad[[1, 0, 2]]), at(0.0, side * (half + 0.5 * thick), self.reach))
+        return found
+
 
 def add_gripper(spec: Any, body: Any, gripper: ParallelGripper, T_body_tip: FloatArray) -> None:
     """Put a gripper on a body of a MuJoCo specification; its joints, geoms and drive begin with ``finger/`` and ``palm/``."""
     mujoco = import_mujoco()
     T = T_body_tip @ gripper.T_tip_mount
-    thick, wide, long = gripper.pad
-    opening, paint = 0.5 * gripper.stroke, [*rgb(gripper.color), 1.0]
+    opening, paint, steel, rubber = 0.5 * gripper.stroke, rgb(gripper.color), (0.75, 0.77, 0.80), (0.15, 0.15, 0.17)
     hand = body.add_body(name="palm", pos=T[:3, 3], quat=quaternion(T[:3, :3]), gravcomp=1.0)
-    behind = gripper.reach - 0.5 * long  # where the pads begin
-    plate = 0.35 * behind
-    box = mujoco.mjtGeom.mjGEOM_BOX
-
-    def put(
-        where: Any, name: str, center: list[float], size: list[float], mass: float, color: list[float], **more: Any
-    ) -> None:
-        where.add_geom(
-            name=name, type=box, pos=center, size=[0.5 * s for s in size], mass=mass, rgba=color, group=0, contype=1, conaffinity=3, **more
-        )  # fmt: skip
-
-    neck = behind - plate
-    if neck > 0.0:
-        hand.add_geom(
-            name="palm/neck", type=mujoco.mjtGeom.mjGEOM_CYLINDER, pos=[0.0, 0.0, 0.5 * neck], size=[0.6 * wide, 0.5 * neck, 0.0],
-            mass=0.2 * gripper.mass, rgba=[0.6, 0.63, 0.67, 1.0], contype=1, conaffinity=3, group=0,
-        )  # fmt: skip
-    across = gripper.stroke + 4.0 * thick
-    put(
-        hand, "palm/plate", [0.0, 0.0, neck + 0.3 * plate], [1.4 * wide, across, 0.6 * plate], 0.4 * gripper.mass, paint
-    )
+    fingers = {}
     for name, side in zip(_FINGERS, (1.0, -1.0), strict=True):
-        finger = hand.add_body(name=name, gravcomp=1.0)
-        finger.add_joint(
+        fingers[name] = hand.add_body(name=name, gravcomp=1.0)
+        fingers[name].add_joint(
             name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, side, 0.0], limited=True, range=[0.0, opening], armature=0.2 * gripper.mass,
         )  # fmt: skip
-        start, end = neck + 0.6 * plate, gripper.reach + 0.5 * long
-        put(
-            finger, f"{name}/bar", [0.0, side * 1.5 * thick, 0.5 * (start + end)], [0.8 * wide, thick, end - start], 0.15 * gripper.mass,
-            [0.75, 0.77, 0.80, 1.0],
-        )  # fmt: skip
-        put(
-            finger, f"{name}/pad", [0.0, side * 0.5 * thick, gripper.reach], [wide, thick, long], 0.05 * gripper.mass, [0.15, 0.15, 0.17, 1.0],
-            condim=4, friction=friction_vector(1.0), solref=[0.004, 1.0],
+    looks: dict[str, tuple[float, Any]] = {
+        "neck": (0.2, (0.6, 0.63, 0.67)),
+        "plate": (0.4, paint),
+        "bar": (0.15, steel),
+        "pad": (0.05, rubber),
+    }
+    grip = {"condim": 4, "friction": friction_vector(1.0), "solref": [0.004, 1.0]}
+    for name, (solid, T_mount_solid) in gripper.solids(0.0).items():
+        owner, _, part = name.rpartition("/")
+        share, color = looks[part]
+        kind, size = primitive(solid)
+        fingers.get(owner, hand).add_geom(
+            name=name, type=kind, pos=T_mount_solid[:3, 3], size=size, mass=share * gripper.mass, rgba=[*color, 1.0], group=0, contype=1,
+            conaffinity=3, **(grip if part == "pad" else {}),
         )  # fmt: skip
     spec.add_equality(
         type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, name1=_FINGERS[1], name2=_FINGERS[0], data=[0.0, 1.0, *[0.0] * 10],

@@ -21,6 +21,7 @@ from pieper.sim.gripper import GripperDrive, ParallelGripper, add_gripper
 from pieper.sim.kinematic import joined, joint_vector
 from pieper.sim.mujoco_arm import axis_name, body_name, build_arm, quaternion
 from pieper.sim.offscreen import import_mujoco
+from pieper.sim.pierced import CapsulesAndBoxes
 from pieper.sim.scene import Scene, add_scene, friction_vector, pose
 
 if TYPE_CHECKING:
@@ -149,6 +150,7 @@ class MujocoSimulator(Simulator):
         wider = copy.deepcopy(self.model)
         wider.geom_margin[:] = np.maximum(wider.geom_margin, 0.5 * MARGIN)
         self._lookout = (wider, mujoco.MjData(wider))
+        self._unseen = CapsulesAndBoxes(self.model)
         self._full = np.zeros(self.model.nv)
         self._force = np.zeros(self.model.nv)
         self.data.qpos[self._q] = self.chain.coupling @ start
@@ -311,6 +313,23 @@ class MujocoSimulator(Simulator):
         joint.qvel = np.zeros(6)
         self._mujoco.mj_forward(self.model, self.data)
 
+    def positions(self, q: ArrayLike, places: Mapping[str, FloatArray] | None = None) -> FloatArray:
+        """MuJoCo's positions as they would be with the arm and some things elsewhere, to be drawn; nothing moves.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Joint values [rad or m].
+        places : mapping of str to (4, 4) array, optional
+            Things that move, and where in the world.
+        """
+        positions = np.array(self.data.qpos)
+        positions[self._q] = self.chain.coupling @ np.asarray(q, dtype=np.float64)
+        for name, T in (places or {}).items():
+            first = int(self.model.joint(self._thing(name)).qposadr[0])
+            positions[first : first + 7] = np.concatenate([T[:3, 3], quaternion(T[:3, :3])])
+        return positions
+
     def speed(self, name: str) -> float:
         """How fast a thing moves, and its surface at 0.1 m from its middle turns, together [m/s]."""
         if not self.scene.object(name).moves:
@@ -326,7 +345,7 @@ class MujocoSimulator(Simulator):
 
     def collisions(self) -> frozenset[tuple[str, str]]:
         """Pairs of names of what the arm itself, without its fingers, touches now."""
-        pairs = self.model.geom_bodyid[self.data.contact.geom]
+        pairs = np.concatenate([self.model.geom_bodyid[self.data.contact.geom], self._unseen.near(self.data, 0.0)])
         return frozenset(self._names(pairs[self._is_arm[pairs].any(axis=1)]))
 
     def blocked(self, q: ArrayLike, *, held: str | None = None, T_tip_held: FloatArray | None = None) -> str:
@@ -341,8 +360,7 @@ class MujocoSimulator(Simulator):
 
         Notes
         -----
-        Solids nearer than `MARGIN` count as touching. MuJoCo does not see a capsule whose middle has gone right through a thin board:
-        look along the way, in steps that are small beside the boards.
+        Solids nearer than `MARGIN` count as touching, also those that have gone right through each other.
         """
         model, data = self._lookout
         data.qpos[:] = self.data.qpos
@@ -356,7 +374,7 @@ class MujocoSimulator(Simulator):
         self._mujoco.mj_kinematics(model, data)
         self._mujoco.mj_comPos(model, data)
         self._mujoco.mj_collision(model, data)
-        pairs = model.geom_bodyid[data.contact.geom]
+        pairs = np.concatenate([model.geom_bodyid[data.contact.geom], self._unseen.near(data, MARGIN)])
         ours, load = hand[pairs], carried[pairs]
         wrong = (
             (ours | load).any(axis=1) & ~(ours.any(axis=1) & load.any(axis=1)) & ~(self._is_finger[pairs].all(axis=1))

@@ -50,6 +50,8 @@ class SceneObject:
         ``"#rrggbb"``.
     friction : float
         Coefficient of sliding friction of whatever touches it; that of a thing that moves prevails [-].
+    picture : (rows, columns, 3) uint8 array or None
+        Red, green, blue printed over the upper side of a box: the first row towards +y, the first column towards -x.
 
     Raises
     ------
@@ -69,6 +71,7 @@ class SceneObject:
     mass: float | None = None
     color: str = WOOD
     friction: float = 1.0
+    picture: NDArray[np.uint8] | None = None
 
     def __post_init__(self) -> None:
         T = pose(self.T_world_object, f"T_world_object of {self.name!r}")
@@ -85,6 +88,16 @@ class SceneObject:
         if not (np.isfinite(self.friction) and self.friction >= 0.0):
             raise ArrayError(f"the friction of {self.name!r} must be 0 or more and finite, got {self.friction}")
         rgb(self.color)
+        if self.picture is not None:
+            printed = np.array(self.picture)
+            fits = printed.ndim == 3 and printed.shape[2] == 3 and printed.size and printed.dtype == np.uint8
+            if not fits or not isinstance(self.solid, Box):
+                raise ArrayError(
+                    f"the picture of {self.name!r} must be a (rows, columns, 3) array of uint8 on a box, got {printed.shape} of "
+                    f"{printed.dtype} on a {type(self.solid).__name__}"
+                )
+            printed.setflags(write=False)
+            object.__setattr__(self, "picture", printed)
 
     @property
     def moves(self) -> bool:
@@ -202,6 +215,7 @@ def shelf(
     edges: Iterable[float],
     boards: Iterable[float],
     top: float,
+    floor: float = 0.0,
     thickness: float = 0.03,
     color: str = WOOD,
 ) -> tuple[SceneObject, ...]:
@@ -217,23 +231,26 @@ def shelf(
     boards : floats
         Heights of the upper sides of the boards [m].
     top : float
-        Height of the walls and of the lid [m].
+        Height of the upper ends of the walls and of the lid [m].
+    floor : float
+        Height that the walls begin at [m].
     thickness : float
         Of boards and walls [m].
     """
     ys, heights = sorted(edges), sorted(boards)
     deep, middle = x[1] - x[0], 0.5 * (x[0] + x[1])
     wide, y = ys[-1] - ys[0], 0.5 * (ys[0] + ys[-1])
+    high = top - floor
     parts = [
         SceneObject(f"{name}/board{k}", _box(deep, wide, thickness), at(middle, y, h - 0.5 * thickness), color=color)
         for k, h in enumerate([*heights, top])
     ]
     parts += [
-        SceneObject(f"{name}/wall{k}", _box(deep, thickness, top), at(middle, side, 0.5 * top), color=color)
+        SceneObject(f"{name}/wall{k}", _box(deep, thickness, high), at(middle, side, floor + 0.5 * high), color=color)
         for k, side in enumerate(ys)
     ]
-    back = _box(0.5 * thickness, wide, top)
-    parts.append(SceneObject(f"{name}/back", back, at(x[1], y, 0.5 * top), color=color))
+    back = _box(0.5 * thickness, wide, high)
+    parts.append(SceneObject(f"{name}/back", back, at(x[1], y, floor + 0.5 * high), color=color))
     return tuple(parts)
 
 
@@ -314,8 +331,9 @@ def add_scene(spec: Any, scene: Scene) -> None:
         if thing.moves:
             body.add_freejoint(name=f"thing/{thing.name}")
         kind, size = primitive(thing.solid)
+        printed = {} if thing.picture is None else {"material": _add_picture(spec, thing.name, thing.picture)}
         body.add_geom(
-            name=f"thing/{thing.name}", type=kind, size=size, rgba=[*rgb(thing.color), 1.0], contype=2, conaffinity=3, condim=6 if thing.moves else 4,
+            name=f"thing/{thing.name}", type=kind, size=size, rgba=[*([1.0] * 3 if printed else rgb(thing.color)), 1.0], **printed, contype=2, conaffinity=3, condim=6 if thing.moves else 4,
             mass=thing.mass or 0.0, friction=friction_vector(thing.friction), priority=1 if thing.moves else 0, solref=_STIFF,
         )  # fmt: skip
     for camera in scene.cameras:
@@ -324,6 +342,20 @@ def add_scene(spec: Any, scene: Scene) -> None:
             name=camera.name, pos=T[:3, 3], quat=quaternion(T[:3, :3] @ np.diag([1.0, -1.0, -1.0])),
             fovy=float(np.degrees(camera.field_of_view)),
         )  # fmt: skip
+
+
+def _add_picture(spec: Any, name: str, picture: NDArray[np.uint8]) -> str:
+    """A material with a picture on it; returns its name."""
+    mujoco = import_mujoco()
+    called = f"picture/{name}"
+    rows, columns, _ = picture.shape
+    texture = spec.add_texture(name=called, type=mujoco.mjtTexture.mjTEXTURE_2D, width=columns, height=rows, nchannel=3)
+    texture.data = picture.tobytes()
+    material = spec.add_material(name=called, specular=0.0)
+    textures = list(material.textures)
+    textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = called
+    material.textures = textures
+    return called
 
 
 def friction_vector(friction: float) -> list[float]:

@@ -14,12 +14,15 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pieper.errors import ArrayError, PieperError
+from pieper.errors import ArrayError, PieperError, unknown_name
 from pieper.model.description import Box, Cylinder
+from pieper.motion.collision import CollisionModel
+from pieper.motion.world import Item, World
 from pieper.sim.gripper import GripperState, ParallelGripper
 from pieper.sim.physics import MujocoSimulator
 from pieper.sim.scene import Scene, at, pose
 from pieper.tasks.mover import DirectMover, Mover
+from pieper.tasks.planned_mover import PlannedMover, is_there
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -188,12 +191,33 @@ class PickTask:
         return T
 
 
+PLANNERS = ("rrt", "direct")
+"""By name, the ways to get from pose to pose that a run can be told to take."""
+
+
+def chosen_planner(name: str | None = None) -> str:
+    """The planner of that name, or the best one that is installed.
+
+    >>> chosen_planner("direct")
+    'direct'
+    """
+    if name is None:
+        return "rrt" if is_there() else "direct"
+    if name not in PLANNERS:
+        raise unknown_name("planner", name, PLANNERS)
+    return name
+
+
 class _FailedError(Exception):
     """A stage failed; `lost` says that a grasp was lost and trying again may help."""
 
     def __init__(self, reason: str, *, lost: bool = False) -> None:
         super().__init__(reason)
         self.lost = lost
+
+
+class _CancelledError(_FailedError):
+    """`PickAndPlace.cancel` was called."""
 
 
 @dataclass(eq=False)
@@ -213,7 +237,10 @@ class PickAndPlace:
     seed : int
         Of the places of the things in their slots. The places of a cycle depend on the seed and the number of the cycle alone.
     mover : Mover, optional
-        How to get from pose to pose; `DirectMover` by default.
+        How to get from pose to pose, instead of a `planner`.
+    planner : {"rrt", "direct"}, optional
+        ``"rrt"`` searches for free ways (`pieper.tasks.planned_mover.PlannedMover`, which needs the extra ``plan``), ``"direct"`` tries straight
+        ones (`pieper.tasks.mover.DirectMover`). By default the first where it is installed.
     look : callable, optional
         Given the name of a target, where it is, (4, 4), or None when it is not seen; the simulator's own knowledge by default.
     log : callable, optional
@@ -222,7 +249,18 @@ class PickAndPlace:
     Attributes
     ----------
     robot : MujocoSimulator
+    planner : str
+        ``"rrt"``, ``"direct"``, or ``"own"`` for a mover that was given.
+    cancelled : bool
+        See `cancel`.
     stages : list of Stage
+
+    Raises
+    ------
+    UnknownNameError
+        No planner of that name.
+    MissingExtraError
+        MuJoCo is not installed, or what the planner needs.
     """
 
     def __init__(
@@ -231,15 +269,26 @@ class PickAndPlace:
         *,
         seed: int = 0,
         mover: Mover | None = None,
+        planner: str | None = None,
         look: Callable[[str], FloatArray | None] | None = None,
         log: Callable[[Stage], None] | None = None,
     ) -> None:
         self.task, self.seed = task, seed
         axis = task.gripper.T_tip_grasp[:3, 2] if task.spin_free else None
         self.robot = MujocoSimulator(task.arm, q=task.q_home, scene=task.scene, gripper=task.gripper)
-        self.mover: Mover = mover or DirectMover(
-            task.arm, axis_tip=axis, speed=task.speed, blocked=self.blocked, postures=(task.q_home, *task.postures)
-        )
+        self.cancelled = False
+        self.planner = "own" if mover is not None else chosen_planner(planner)
+        self.mover: Mover
+        if mover is not None:
+            self.mover = mover
+        elif self.planner == "rrt":
+            self.mover = PlannedMover(
+                task.arm, model=self.collision_model, axis_tip=axis, speed=task.speed, seed=seed, cancelled=lambda: self.cancelled
+            )  # fmt: skip
+        else:
+            self.mover = DirectMover(
+                task.arm, axis_tip=axis, speed=task.speed, blocked=self.blocked, postures=(task.q_home, *task.postures)
+            )
         assert self.robot.gripper is not None
         self.gripper = self.robot.gripper
         self.look: Callable[[str], FloatArray | None] = self.robot.pose if look is None else look
@@ -248,6 +297,60 @@ class PickAndPlace:
         self._cycle, self._target = 0, ""
         self._held: _Held | None = None
         self._tolerated: frozenset[tuple[str, str]] = frozenset()
+        self._models: dict[bytes, CollisionModel] = {}
+        self._hands: dict[tuple[_Held | None, float], CollisionModel] = {}
+
+    def cancel(self) -> None:
+        """End the run as soon as it can: the stage that runs fails as cancelled, the arm comes to rest, and no cycle follows.
+
+        It may be called from a handler of a signal, or from another thread.
+        """
+        self.cancelled = True
+
+    def collision_model(self, margin: float, reaching: bool = False) -> CollisionModel:
+        """The arm, with its gripper and what it holds, among the things where they are now, for planning.
+
+        Parameters
+        ----------
+        margin : float
+            To keep between solids [m].
+        reaching : bool
+            Whether the target, which the hand is then about to touch, is left out.
+        """
+        robot, task = self.robot, self.task
+        out = {self._held.name if self._held is not None else None, self._target if reaching else None}
+        things = [
+            Item(thing.name, thing.solid, robot.pose(thing.name))
+            for thing in task.scene.objects
+            if thing.name not in out
+        ]
+        hand = self._hand_model(margin)
+        key = (
+            np.round([thing.pose for thing in things], 4).tobytes() + repr((id(hand), reaching, self._target)).encode()
+        )
+        if key not in self._models:
+            if task.scene.floor is not None:
+                things.append(
+                    Item("the floor", Box(np.array([20.0, 20.0, 0.1])), at(0.0, 0.0, task.scene.floor - 0.05))
+                )
+            self._models = dict([*self._models.items()][-3:])
+            self._models[key] = hand.with_world(World(tuple(things)))
+        return self._models[key]
+
+    def _hand_model(self, margin: float) -> CollisionModel:
+        """The arm with its gripper and what it holds, alone; made once for every grasp."""
+        key = (self._held, margin)
+        if key not in self._hands:
+            task, held = self.task, self._held
+            tool = [
+                Item(f"gripper/{name}", solid, task.gripper.T_tip_mount @ T)
+                for name, (solid, T) in task.gripper.solids(None if held is None else self.gripper.width).items()
+            ]
+            attached = [] if held is None else [Item(held.name, task.scene.object(held.name).solid, held.T_tip_object)]
+            self._hands = {other: model for other, model in self._hands.items() if other[0] in (None, held)}
+            self._models = {}
+            self._hands[key] = CollisionModel(task.arm, tool=tool, attached=attached, margin=margin)
+        return self._hands[key]
 
     def blocked(self, q: FloatArray) -> str:
         """What the arm, with what it holds, would touch at joint values (n,), in words; empty when nothing."""
@@ -260,21 +363,32 @@ class PickAndPlace:
     def run(self, cycles: int, *, first: int = 1) -> Iterator[Cycle]:
         """Run cycles, one for every item that is taken from the iterator: from number `first` on, `cycles` of them.
 
-        Targets come in their order, again and again; before the first one of a round the slots are filled.
+        Targets come in their order, again and again; before the first one of a round the slots are filled. After `cancel`, the cycle that runs
+        is the last one, and not placed.
 
         Raises
         ------
         ArrayError
             A number that is not positive.
+        PieperError
+            The things in their slots do not come to rest.
         """
         given: dict[str, object] = {"cycles": cycles, "first": first}
         for name, value in given.items():
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
                 raise ArrayError(f"{name} must be a whole number of 1 or more, got {value!r}")
         for number in range(first, first + cycles):
+            if self.cancelled:
+                return
             slot = (number - 1) % len(self.task.targets)
             if slot == 0 or number == first:
-                self.fill_slots(number - slot)
+                try:
+                    self.fill_slots(number - slot)
+                except _CancelledError:
+                    self._halt()
+                    return
+                except _FailedError as cause:
+                    raise PieperError(str(cause)) from cause
             yield self.cycle(number)
 
     def fill_slots(self, number: int) -> None:
@@ -301,15 +415,25 @@ class PickAndPlace:
                 self._pick()
                 self._place()
                 placed = True
+            except _CancelledError:
+                break
             except _FailedError as failed:
                 reason = str(failed)
                 if not self._recover(again=failed.lost and attempt < self.task.attempts) or not failed.lost:
                     break
+        if self.cancelled:
+            self._halt()
+            return Cycle(number, self._target, placed, attempt, "" if placed else "cancelled", self.robot.time - start)
         with suppress(_FailedError), self._stage("next target"):
             left = len(self.task.targets) - 1 - (number - 1) % len(self.task.targets)
             if not placed:
                 raise _FailedError(f"{self._target} is left: {reason}; {left} to go")
         return Cycle(number, self._target, placed, attempt, "" if placed else reason, self.robot.time - start)
+
+    def _halt(self) -> None:
+        """Bring the arm to rest."""
+        self.robot.stop()
+        self.robot.settle(longest=PATIENCE)
 
     # --- the stages
 
@@ -336,20 +460,29 @@ class PickAndPlace:
                 raise _FailedError("the fingers closed on nothing", lost=True)
             self._held = _Held(self._target, np.linalg.inv(robot.tip()) @ robot.pose(self._target))
         with self._stage(STAGES[5]):
-            T_up = np.array(T_grasp)
-            T_up[2, 3] += task.lift
+            T_up = self._lifted(T_grasp)
             self._follow(self.mover.line(robot.reference.q, T_up))
             self._follow(self.mover.line(robot.reference.q, task.back(T_up, task.approach)))
 
+    def _lifted(self, T_grasp: FloatArray) -> FloatArray:
+        """The tip once it has lifted what it grips off the board."""
+        T = np.array(T_grasp)
+        T[2, 3] += self.task.lift
+        return T
+
     def _ways(self, T_via: FloatArray, T_pre: FloatArray, T_grasp: FloatArray) -> list[Trajectory]:
-        """From here before the slot, to the pre-grasp, and along a line to the grasp, all on one branch."""
+        """From here before the slot, to the pre-grasp, and along a line to the grasp, from where the lines out of the slot go too."""
+        task = self.task
         onwards: dict[bytes, list[Trajectory]] = {}
         reasons: list[str] = []
 
         def goes_on(q_via: FloatArray) -> bool:
             try:
                 ahead = self.mover.plan(q_via, T_pre)
-                onwards[np.asarray(q_via).tobytes()] = [ahead, self.mover.line(ahead.q[-1], T_grasp)]
+                reach = self.mover.line(ahead.q[-1], T_grasp)
+                up = self.mover.line(reach.q[-1], self._lifted(T_grasp))
+                self.mover.line(up.q[-1], task.back(self._lifted(T_grasp), task.approach))
+                onwards[np.asarray(q_via).tobytes()] = [ahead, reach]
             except PieperError as cause:
                 reasons.append(str(cause))
                 return False
@@ -358,6 +491,8 @@ class PickAndPlace:
         try:
             first = self.mover.plan(self.robot.reference.q, T_via, goes_on)
         except PieperError as cause:
+            if self.cancelled:
+                raise _CancelledError("cancelled") from cause
             raise _FailedError(reasons[0] if reasons else str(cause)) from cause
         return [first, *onwards[first.q[-1].tobytes()]]
 
@@ -399,6 +534,8 @@ class PickAndPlace:
                     away = leave(q, T_away)
                     return [away, self.mover.plan(away.q[-1], self.task.drop_of(self._target))]
                 except PieperError as cause:  # noqa: PERF203  a handful of ways
+                    if self.cancelled:
+                        raise _CancelledError("cancelled") from cause
                     reason = reason or str(cause)
         raise _FailedError(reason)
 
@@ -446,7 +583,7 @@ class PickAndPlace:
         """Where the target is, if it can be gripped."""
         T = self.look(self._target)
         if T is None:
-            raise _FailedError(f"{self._target} is not seen")
+            raise _FailedError(f"{self._target} is not seen", lost=True)
         T = np.asarray(T)
         if T.shape != (4, 4) or not np.isfinite(T).all():
             raise _FailedError(f"the pose of {self._target} must be a finite (4, 4) array, got {T.tolist()}")
@@ -488,6 +625,8 @@ class PickAndPlace:
         robot = self.robot
         end, ticks = robot.time + longest, 0
         while not done():
+            if self.cancelled:
+                raise _CancelledError("cancelled")
             robot.step(robot.timestep)
             ticks += 1
             if guard and ticks % _GUARDED_EVERY == 0:
@@ -516,13 +655,15 @@ class PickAndPlace:
     def _stage(self, name: str) -> Iterator[None]:
         start = self.robot.time
         try:
+            if self.cancelled:
+                raise _CancelledError("cancelled")
             yield
         except _FailedError as failed:
             self._record(name, False, str(failed), start)
             raise
         except PieperError as cause:
             self._record(name, False, str(cause), start)
-            raise _FailedError(str(cause)) from cause
+            raise (_CancelledError if self.cancelled else _FailedError)(str(cause)) from cause
         self._record(name, True, "", start)
 
     def _record(self, name: str, succeeded: bool, reason: str, start: float) -> None:
