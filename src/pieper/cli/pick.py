@@ -116,9 +116,7 @@ def pick(
                 str(stage), style=None if stage.succeeded else "red", markup=False, highlight=False, soft_wrap=True
             )
 
-    run = (
-        PickAndPlace(wanted, seed=seed, planner=planner, log=told) if sight is None else _seeing(sight, seed, told)
-    )
+    run = PickAndPlace(wanted, seed=seed, planner=planner, log=told) if sight is None else _seeing(sight, seed, told)
     if not quiet and planner is None and run.planner == "direct":
         out.print("ways are straight ones; to search for them: pip install 'pieper[plan]'", markup=False)
     if record is not None:
@@ -196,8 +194,8 @@ def _recording(run: PickAndPlace, fps: float, speed: float) -> Recording:
 
 
 def _write_task(arm: str, file: Path | None, path: Path) -> int:
+    from pieper.atomic_file import write_bytes
     from pieper.tasks.pick_tasks import task_file
-    from pieper.yaml_file import write_bytes
 
     if file is not None:
         raise ArrayError("--write-task writes the task of --arm; of --task there is a file already")

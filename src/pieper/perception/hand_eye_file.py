@@ -29,10 +29,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pieper._version import __version__
+from pieper.atomic_file import write_text
 from pieper.errors import VisionError
 from pieper.perception.calibration import PICTURES
 from pieper.spatial import pose, rotation
-from pieper.yaml_file import LARGEST, Section, read_yaml, write_text, write_yaml
+from pieper.yaml_file import LARGEST, Section, read_yaml, write_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
