@@ -36,6 +36,7 @@ from pieper.cli import (
     synthesize,
     track,
     view,
+    workspace,
 )
 from pieper.cli.node import RosCommand
 from pieper.errors import MissingExtraError, MissingLibraryError, PieperError, PieperWarning
@@ -67,6 +68,7 @@ for _verb, _summary in {
     move: "A motion within limits, into a file.",
     render: "Draw an arm, or a film of its motion.",
     view: "Open an arm in the browser.",
+    workspace: "Where an arm reaches, and how well.",
     pick: "Pick things and place them in a bin, by physics.",
     convert: "Write an arm as DH rows, screws, URDF, formulas.",
     learn_colour: "Colours, from boxes on frames of a video.",

@@ -22,6 +22,7 @@ CHUNK = 12
 
 _FLAT = 1e-9  # [m] a box this thin is a plane, and gets one layer of voxels exactly on it
 _MOST = 2**31  # voxels along one side
+_DECIMALS = 12  # of centres: 0 is 0
 _AXES = "xyz"
 
 
@@ -90,7 +91,7 @@ class Grid:
     def axis(self, which: str) -> FloatArray:
         """(n,) centres along x, y or z [m]."""
         i = axis_number(which)
-        return np.asarray(self.origin[i] + np.arange(self.shape[i]) * self.voxel)
+        return np.asarray((self.origin[i] + np.arange(self.shape[i]) * self.voxel).round(_DECIMALS)) + 0.0
 
     def slices(self, chunk: int) -> tuple[slice, slice, slice]:
         """Where the voxels of a chunk are in arrays over the grid."""
@@ -165,7 +166,10 @@ def grid_over(box: ArrayLike, voxel: float, *, chunk: int = CHUNK) -> Grid:
         raise ArrayError(f"voxel must be a positive length [m], got {voxel!r}")
     if isinstance(chunk, bool) or not isinstance(chunk, (int, np.integer)) or chunk < 1:
         raise ArrayError(f"chunk must be a whole number of voxels of at least 1, got {chunk!r}")
-    corners = np.asarray(box, dtype=np.float64)
+    try:
+        corners = np.asarray(box, dtype=np.float64)
+    except (TypeError, ValueError):
+        corners = np.empty(0)
     if corners.shape != (2, 3) or not np.isfinite(corners).all():
         raise ArrayError(f"box must be finite with shape (2, 3), got {box!r}")
     names = [name for name, low, high in zip(_AXES, *corners, strict=True) if low > high]
@@ -180,5 +184,5 @@ def grid_over(box: ArrayLike, voxel: float, *, chunk: int = CHUNK) -> Grid:
         first, last = math.floor(low / size + 0.5), math.floor(high / size + 0.5)
         if last - first >= _MOST:
             raise ArrayError(f"{last - first + 1} voxels along {name} are too many; take larger voxels than {size:g} m")
-        origin.append(round(first * size, 12)), shape.append(last - first + 1)
+        origin.append(round(first * size, _DECIMALS) + 0.0), shape.append(last - first + 1)
     return Grid((origin[0], origin[1], origin[2]), size, (shape[0], shape[1], shape[2]), int(chunk))

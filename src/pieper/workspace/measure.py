@@ -11,7 +11,7 @@ from pieper.errors import MapError
 from pieper.ik import redundancy
 from pieper.ik.solve import solver
 from pieper.ik.target import ignore_orientation, position_and_axis
-from pieper.kinematics.manipulability import distance_to_singularity
+from pieper.kinematics.manipulability import distance_to_singularity, manipulability
 from pieper.workspace.survey import LINE, Survey
 
 if TYPE_CHECKING:
@@ -34,14 +34,18 @@ QUANTITIES: dict[str, tuple[str, float]] = {
 reached         poses of the voxel with an answer that counts: inside the limits and, if asked, touching nothing
 solutions       answers of all these poses together; of seven joints, the branches
 most_solutions  the largest number of answers that one pose has
-manipulability  the greatest of all answers, Yoshikawa's measure over all six rows [depends on the arm]
-singularity     smallest singular value of the Jacobian at that answer, its distance to a singularity [-]
+manipulability  the greatest of all answers, Yoshikawa's measure of all six rows, of the linear three for positions
+singularity     smallest singular value of the Jacobian there, its distance to a singularity [-]; of equals the best
 limit_margin    the greatest distance, over all answers, of the joint nearest to one of its limits [rad or m]
 ========== ====================================================================================================
 """
 
 _PLACES = 26_000
 """Places for answers that are worked on together: these arrays stay in the cache."""
+
+
+_ALIKE = 1e-9
+"""Answers whose measures differ by less, relatively, are equally good: mirror images often are, but for rounding."""
 
 
 class Measurer:
@@ -78,6 +82,7 @@ class Measurer:
         self.chain = survey.chain
         self.solver = solver(survey.chain)
         self._values = self._joint = self._free = None
+        self._rows = 3 if survey.kind == "position" else 6
         places = 8
         if survey.redundancy > 1 or survey.chain.dof == 7:
             held = redundancy.prepare(survey.chain)
@@ -152,12 +157,17 @@ class Measurer:
             np.minimum(margin, x - lower, out=margin)
             np.minimum(margin, upper - x, out=margin)
         out["limit_margin"][here] = np.maximum.reduceat(margin, first)
-        measure = self.chain.native.manipulability(q)
+        measure = self._manipulability(q)
         most = np.maximum.reduceat(measure, first)
         out["manipulability"][here] = most
-        equal = np.flatnonzero(measure == np.repeat(most, np.diff(first, append=len(q))))
-        best = equal[np.flatnonzero(np.diff(voxel[equal], prepend=-1))]
-        out["singularity"][here] = distance_to_singularity(self.chain.native.jacobian(q[best]))
+        alike = np.flatnonzero(measure >= np.repeat(most * (1.0 - _ALIKE), np.diff(first, append=len(q))))
+        distance = distance_to_singularity(self.chain.native.jacobian(q[alike])[:, : self._rows])
+        out["singularity"][here] = np.maximum.reduceat(distance, np.flatnonzero(np.diff(voxel[alike], prepend=-1)))
+
+    def _manipulability(self, q: FloatArray) -> FloatArray:
+        if self._rows == 6:
+            return self.chain.native.manipulability(q)
+        return manipulability(self.chain.native.jacobian(q)[:, : self._rows])
 
 
 def _is_free(survey: Survey) -> Any:

@@ -269,8 +269,8 @@ def _grid(chain: Chain, voxel: float, box: ArrayLike | None, layer: tuple[str, f
             raise ArrayError(f"{chain.name!r} has a joint that slides without limits: give a box to look at")
         corners = reached
     else:
+        grid_over(box, voxel, chunk=chunk)  # says what is wrong with it
         corners = np.array(box, dtype=np.float64)
-        grid_over(corners, voxel, chunk=chunk)  # says what is wrong with it
     if layer is not None:
         i = axis_number(layer[0])
         if not np.isfinite(layer[1]):
