@@ -9,10 +9,10 @@ Any `concurrent.futures.Executor` will do. `Here` works in this process, `Proces
 from __future__ import annotations
 
 import concurrent.futures as futures
-import functools
 import multiprocessing
 import pickle
 import signal
+import threading
 import time
 from collections import deque
 from dataclasses import dataclass, replace
@@ -388,9 +388,21 @@ def _work(packed: bytes, chunk: int) -> dict[str, NDArray[Any]]:
     return _measurer(packed).chunk(chunk)
 
 
-@functools.lru_cache(maxsize=2)
+class _Prepared(threading.local):
+    """What a thread has prepared for the question it works on: a measurer writes into arrays of its own."""
+
+    packed: bytes | None = None
+    measurer: Measurer | None = None
+
+
+_prepared = _Prepared()
+
+
 def _measurer(packed: bytes) -> Measurer:
-    return Measurer(pickle.loads(packed))
+    if _prepared.measurer is None or _prepared.packed != packed:
+        _prepared.measurer = Measurer(pickle.loads(packed))
+        _prepared.packed = packed
+    return _prepared.measurer
 
 
 def _who() -> tuple[str, list[str]]:
