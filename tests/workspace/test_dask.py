@@ -60,7 +60,16 @@ class Grid:
         return process
 
     def worker(self) -> subprocess.Popen[bytes]:
-        options = ("--no-nanny", "--nthreads", "1", "--no-dashboard", "--host", "127.0.0.1", "--lifetime", f"{MOST:.0f}s")
+        options = (
+            "--no-nanny",
+            "--nthreads",
+            "1",
+            "--no-dashboard",
+            "--host",
+            "127.0.0.1",
+            "--lifetime",
+            f"{MOST:.0f}s",
+        )
         return self.start("dask_worker", self.address, *options)
 
     def close(self) -> None:
@@ -110,9 +119,7 @@ def test_a_cluster_makes_the_same_bits_though_a_worker_is_killed(grid: Grid, tmp
         assert found.array(name).tobytes() == expected.array(name).tobytes()
 
 
-def test_the_command_works_on_a_cluster(
-    grid: Grid, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_works_on_a_cluster(grid: Grid, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = ["ur5e", "--voxel", "0.3", "--orientations", "8"]
     assert main(["workspace", *options, "--dask", grid.address, "--export", str(tmp_path / "cluster.csv")]) == 0
     assert main(["workspace", *options, "--workers", "1", "--export", str(tmp_path / "here.csv")]) == 0

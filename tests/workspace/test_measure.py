@@ -43,7 +43,9 @@ def one_by_one(asked: Survey, centre: np.ndarray) -> dict[str, float]:
         "solutions": sum(counts),
         "most_solutions": max(counts),
         "manipulability": max(measures),
-        "singularity": max(s.min() for s, m in zip(singular, measures, strict=True) if m > max(measures) * (1.0 - 1e-9)),
+        "singularity": max(
+            s.min() for s, m in zip(singular, measures, strict=True) if m > max(measures) * (1.0 - 1e-9)
+        ),
         "limit_margin": max(float(np.minimum(q - lower, upper - q).min()) for q in kept),
     }
 
@@ -124,7 +126,9 @@ def test_a_tool_moves_the_map() -> None:
     far = [[1.05, 0.0, 0.2], [1.05, 0.0, 0.2]]
     with_tool = Measurer(survey(arm.with_tool(T), voxel=0.05, orientations=300, box=far)).chunk(0)
     assert with_tool["reached"].max() > 0
-    with pytest.raises(ArrayError, match=r"the box is outside the reach of 'ur5e', whose tip gets to x from -0\.\d+ to"):
+    with pytest.raises(
+        ArrayError, match=r"the box is outside the reach of 'ur5e', whose tip gets to x from -0\.\d+ to"
+    ):
         survey(arm, voxel=0.05, box=far)
 
 
@@ -156,7 +160,7 @@ def test_orientations_are_rotations_spread_evenly_and_always_the_same() -> None:
         ({"voxel": 1e-12}, "are too many; take larger voxels"),
         ({"orientations": 0}, "orientations must be a whole number of at least 1, got 0"),
         ({"orientations": 2.5}, "orientations must be a whole number"),
-        ({"chunk": 0}, "chunk must be a whole number of voxels of at least 1, got 0"),
+        ({"chunk": 0}, "chunk must be a whole number of at least 1, got 0"),
         ({"seed": -1}, "seed must be a whole number of at least 0"),
         ({"redundancy": 0}, "redundancy must be a whole number of at least 1"),
         ({"margin": -0.1}, "margin must be a distance of at least 0"),
@@ -191,5 +195,7 @@ def test_arms_without_a_complete_solver_are_refused() -> None:
 def test_instructions_that_the_processor_does_not_have_are_refused() -> None:
     from dataclasses import replace
 
-    with pytest.raises(MapError, match="the map is made with the instructions 'abacus', which this processor does not have"):
+    with pytest.raises(
+        MapError, match="the map is made with the instructions 'abacus', which this processor does not have"
+    ):
         Measurer(replace(survey(chain("ur5e"), voxel=0.5), instructions="abacus"))

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from pieper.errors import MapError
+from pieper.errors import ArrayError, MapError
 from pieper.workspace import run as running
 from pieper.workspace import store as stores
 from pieper.workspace.map import WorkspaceMap
@@ -187,7 +187,11 @@ COMMAND = [
 def begin(place: Path) -> subprocess.Popen[str]:
     """The command, as soon as it has finished some chunks; in a group of processes of its own, as of a terminal."""
     process = subprocess.Popen(
-        [*COMMAND, "--out", str(place)], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, start_new_session=True
+        [*COMMAND, "--out", str(place)],
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
+        start_new_session=True,
     )
     end = time.monotonic() + 60.0
     while len(list((place / "reached").glob("c/*/*/*"))) < 5:
@@ -236,5 +240,5 @@ def test_a_map_that_is_not_kept_has_a_bound() -> None:
 
 @pytest.mark.parametrize("count", [0, -1, True, 1.5])
 def test_the_number_of_workers_is_a_whole_number(count: Any) -> None:
-    with pytest.raises(MapError, match="workers must be a whole number of at least 1"):
+    with pytest.raises(ArrayError, match="workers must be a whole number of at least 1"):
         Processes(count)

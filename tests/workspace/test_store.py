@@ -114,21 +114,33 @@ def _another_shape(place: Path) -> None:
 
 
 SPOILED: dict[str, tuple[Callable[[Path], None], str]] = {
-    "a cut chunk": (_cut_a_chunk, r"damaged: a chunk of 'manipulability' within voxels \[0:3, 3:5, 0:3\] cannot be read"),
+    "a cut chunk": (
+        _cut_a_chunk,
+        r"damaged: a chunk of 'manipulability' within voxels \[0:3, 3:5, 0:3\] cannot be read",
+    ),
     "a flipped bit": (_flip_a_bit, r"damaged: a chunk of 'reached' within voxels \[3:5, 3:5, 3:5\] cannot be read"),
-    "no zarr.json": (lambda place: (place / "zarr.json").unlink(), "is no zarr store of version 3: it holds no zarr.json"),
+    "no zarr.json": (
+        lambda place: (place / "zarr.json").unlink(),
+        "is no zarr store of version 3: it holds no zarr.json",
+    ),
     "a zarr.json of nothing": (lambda place: (place / "zarr.json").write_text("{"), "zarr.json cannot be read"),
     "another format": (_change_attributes(dict.clear), "but no map made by pieper workspace: its format is None"),
     "a later version": (
         _change_attributes(lambda attributes: attributes.update(format_version=2)),
         "has version 2 of the format; this pieper reads version 1",
     ),
-    "no record": (_change_attributes(lambda attributes: attributes.pop("record")), "the record of the question is damaged"),
+    "no record": (
+        _change_attributes(lambda attributes: attributes.pop("record")),
+        "the record of the question is damaged",
+    ),
     "a record of no voxels": (
         _change_attributes(lambda attributes: attributes["record"].update(shape=[0, 1, 1])),
         "the record of the question is damaged",
     ),
-    "an array that is gone": (lambda place: shutil.rmtree(place / "limit_margin"), "the array 'limit_margin' is missing"),
+    "an array that is gone": (
+        lambda place: shutil.rmtree(place / "limit_margin"),
+        "the array 'limit_margin' is missing",
+    ),
     "an array of another shape": (
         _another_shape,
         r"the array 'solutions' does not fit the record: expected shape \(5, 5, 5\)",

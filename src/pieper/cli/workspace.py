@@ -83,7 +83,9 @@ def workspace(
     ] = None,
     exports: Annotated[
         list[Path] | None,
-        typer.Option("--export", metavar="FILE", help="Write it as .csv, .h5, .vtk, or its surface as .ply; repeatable."),
+        typer.Option(
+            "--export", metavar="FILE", help="Write it as .csv, .h5, .vtk, or its surface as .ply; repeatable."
+        ),
     ] = None,
     level: Annotated[
         float | None,
@@ -138,9 +140,7 @@ def workspace(
     return 0 if summary.reachable > 0.0 else 1
 
 
-def with_tool(
-    robot: Arm, tool: tuple[float, float, float] | None, rpy: tuple[float, float, float] | None
-) -> Arm:
+def with_tool(robot: Arm, tool: tuple[float, float, float] | None, rpy: tuple[float, float, float] | None) -> Arm:
     """The arm with the tool that was asked for."""
     if tool is None and rpy is None:
         return robot
@@ -298,7 +298,10 @@ def _print(robot: Arm, asked: Survey, found: WorkspaceMap, summary: Summary, las
     sides = " x ".join(str(n) for n in grid.shape)
     lines = [
         ("asked", f"{sides} voxels of {1e3 * grid.voxel:g} mm, {asked.words}"),
-        ("reachable", f"{summary.reachable:.4g} {unit}, with {100 * summary.mean_dexterity:.3g} % of the poses on average"),
+        (
+            "reachable",
+            f"{summary.reachable:.4g} {unit}, with {100 * summary.mean_dexterity:.3g} % of the poses on average",
+        ),
         ("dexterous", f"{summary.dexterous:.4g} {unit}, where every pose is reached"),
     ]
     if summary.reachable > 0.0:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pieper.model.chain import Chain
     from pieper.spatial._checks import FloatArray
     from pieper.workspace.map import WorkspaceMap
+    from pieper.workspace.place import Placement
 
 _COLOURS = "viridis"
 _MOST_POINTS = 30_000  # in three dimensions
@@ -75,8 +76,48 @@ def workspace(
         _slice(figure.add_subplot(grid[1]), colours, found, quantity, "y", y, scale, links)
         _slice(figure.add_subplot(grid[2]), colours, found, quantity, "z", z, scale, links)
     bar = figure.colorbar(image, ax=figure.axes, shrink=0.8, pad=0.02)
-    words = "share of directions" if (quantity, found.record["kind"]) == ("dexterity", "directions") else UNITS[quantity]
+    words = (
+        "share of directions" if (quantity, found.record["kind"]) == ("dexterity", "directions") else UNITS[quantity]
+    )
     bar.set_label(words, fontsize=8.5, color=colours.ink)
+    bar.ax.tick_params(labelsize=7.5, labelcolor=colours.ink, color=colours.faint)
+    bar.outline.set_visible(False)
+    return figure
+
+
+def placement(tried: Placement, Ts_world_target: FloatArray, *, title: str = "", theme: Theme = "light") -> Figure:
+    """Base poses that were tried, seen from above: how many poses of the task each place reaches, at its best height and yaw.
+
+    Parameters
+    ----------
+    tried : Placement
+    Ts_world_target : (m, 4, 4) array
+        Poses of the task [m, -], drawn as dots.
+    title : str
+        The name of the arm when not given.
+    theme : "light" or "dark"
+    """
+    colours, figure = _new(theme, 5.2, 4.4, title or tried.arm)
+    axes: Any = figure.add_subplot()
+    x, y = np.unique(tried.bases[:, 0]), np.unique(tried.bases[:, 1])
+    most = np.zeros((len(x), len(y)))
+    np.maximum.at(most, (np.searchsorted(x, tried.bases[:, 0]), np.searchsorted(y, tried.bases[:, 1])), tried.reached)
+    half = [0.5 * (np.diff(each).min() if len(each) > 1 else 0.1) for each in (x, y)]
+    span = (x[0] - half[0], x[-1] + half[0], y[0] - half[1], y[-1] + half[1])
+    image = axes.imshow(
+        most.T, origin="lower", extent=span, cmap=_COLOURS, vmin=0, vmax=tried.poses, interpolation="nearest", zorder=1
+    )
+    targets = np.asarray(Ts_world_target)[:, :2, 3]
+    axes.plot(*targets.T, ".", color=colours.alarm, ms=5, label="poses of the task")
+    best = tried.bases[tried.best]
+    axes.plot(*best[:2], "*", color=colours.alarm, mec=colours.paper, ms=14, label="best base")
+    _dress(axes, colours)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x of the base [m]")
+    axes.set_ylabel("y of the base [m]")
+    axes.legend(fontsize=7.5, loc="upper right")
+    bar = figure.colorbar(image, ax=axes, shrink=0.85)
+    bar.set_label(f"poses reached, of {tried.poses}", fontsize=8.5, color=colours.ink)
     bar.ax.tick_params(labelsize=7.5, labelcolor=colours.ink, color=colours.faint)
     bar.outline.set_visible(False)
     return figure
@@ -98,7 +139,13 @@ def _slice(
     i, j = "xyz".index(across), "xyz".index(up)
     span = (grid.lower[i], grid.upper[i], grid.lower[j], grid.upper[j])
     image = axes.imshow(
-        layer.T, origin="lower", extent=span, cmap=_COLOURS, vmin=scale[0], vmax=scale[1], interpolation="nearest",
+        layer.T,
+        origin="lower",
+        extent=span,
+        cmap=_COLOURS,
+        vmin=scale[0],
+        vmax=scale[1],
+        interpolation="nearest",
         zorder=1,
     )
     if links is not None:

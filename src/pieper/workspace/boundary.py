@@ -6,7 +6,7 @@ reachable workspace, at a half it encloses where every second orientation is rea
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -85,6 +85,7 @@ def boundary(found: WorkspaceMap, *, level: float | None = None) -> Boundary:
         raise MapError(
             f"a surface over {grid.voxels} voxels takes too much memory (at most {MOST_VOXELS}); take larger voxels or a smaller box"
         )
+    marching_cubes: Any
     try:
         from skimage.measure import marching_cubes
     except ImportError as cause:

@@ -136,6 +136,24 @@ def axis_number(which: str) -> int:
     return _AXES.index(which)
 
 
+def positive(value: object, name: str) -> float:
+    """A length [m], if it is one; raises ArrayError else."""
+    if (
+        isinstance(value, (int, float, np.integer, np.floating))
+        and not isinstance(value, bool)
+        and 0.0 < value < np.inf
+    ):
+        return float(value)
+    raise ArrayError(f"{name} must be a positive length [m], got {value!r}")
+
+
+def whole(value: object, name: str, *, least: int = 1) -> int:
+    """A whole number, if it is one; raises ArrayError else."""
+    if isinstance(value, (int, np.integer)) and not isinstance(value, bool) and value >= least:
+        return int(value)
+    raise ArrayError(f"{name} must be a whole number of at least {least}, got {value!r}")
+
+
 def grid_over(box: ArrayLike, voxel: float, *, chunk: int = CHUNK) -> Grid:
     """The voxels that a box touches; their centres are whole multiples of the voxel, so that maps of one resolution fit together.
 
@@ -162,10 +180,7 @@ def grid_over(box: ArrayLike, voxel: float, *, chunk: int = CHUNK) -> Grid:
     >>> grid_over([[-0.1, 0.02, 0.4], [0.1, 0.02, 0.52]], 0.05)
     Grid(origin=(-0.1, 0.02, 0.4), voxel=0.05, shape=(5, 1, 3), chunk=12)
     """
-    if not (np.isscalar(voxel) and 0.0 < float(voxel) < np.inf):
-        raise ArrayError(f"voxel must be a positive length [m], got {voxel!r}")
-    if isinstance(chunk, bool) or not isinstance(chunk, (int, np.integer)) or chunk < 1:
-        raise ArrayError(f"chunk must be a whole number of voxels of at least 1, got {chunk!r}")
+    size, side = positive(voxel, "voxel"), whole(chunk, "chunk")
     try:
         corners = np.asarray(box, dtype=np.float64)
     except (TypeError, ValueError):
@@ -175,14 +190,15 @@ def grid_over(box: ArrayLike, voxel: float, *, chunk: int = CHUNK) -> Grid:
     names = [name for name, low, high in zip(_AXES, *corners, strict=True) if low > high]
     if names:
         raise ArrayError(f"box must go from the lower to the upper corner; along {', '.join(names)} it goes backwards")
-    size = float(voxel)
     origin, shape = [], []
     for name, low, high in zip(_AXES, *corners.tolist(), strict=True):
         if high - low < _FLAT:
-            origin.append(low), shape.append(1)
+            origin.append(low)
+            shape.append(1)
             continue
         first, last = math.floor(low / size + 0.5), math.floor(high / size + 0.5)
         if last - first >= _MOST:
             raise ArrayError(f"{last - first + 1} voxels along {name} are too many; take larger voxels than {size:g} m")
-        origin.append(round(first * size, _DECIMALS) + 0.0), shape.append(last - first + 1)
-    return Grid((origin[0], origin[1], origin[2]), size, (shape[0], shape[1], shape[2]), int(chunk))
+        origin.append(round(first * size, _DECIMALS) + 0.0)
+        shape.append(last - first + 1)
+    return Grid((origin[0], origin[1], origin[2]), size, (shape[0], shape[1], shape[2]), side)

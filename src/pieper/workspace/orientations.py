@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pieper.errors import ArrayError
 from pieper.spatial.rotation import from_quaternion
+from pieper.workspace.grid import whole
 
 if TYPE_CHECKING:
     from pieper.spatial._checks import FloatArray
@@ -38,7 +38,7 @@ def spread_rotations(count: int, *, seed: int = 0) -> FloatArray:
     >>> bool(np.abs(spread_rotations(200).mean(axis=0)).max() < 0.01)
     True
     """
-    n = _counted(count)
+    n = whole(count, "orientations")
     s = np.arange(n) + 0.5
     inner, outer = np.sqrt(s / n), np.sqrt(1.0 - s / n)
     a, b = _TURN * s / _PHI, _TURN * s / _PSI
@@ -52,7 +52,7 @@ def spread_directions(count: int, *, seed: int = 0) -> FloatArray:
     >>> spread_directions(2).round(3)[:, 2]
     array([ 0.5, -0.5])
     """
-    n = _counted(count)
+    n = whole(count, "orientations")
     i = np.arange(n) + 0.5
     z = 1.0 - 2.0 * i / n
     turn = np.pi * (3.0 - np.sqrt(5.0)) * i
@@ -69,7 +69,7 @@ def spread_turns(count: int, axis: FloatArray, *, seed: int = 0) -> FloatArray:
            [ 1.,  0.,  0.],
            [ 0.,  0.,  1.]])
     """
-    n = _counted(count)
+    n = whole(count, "orientations")
     start = 0.0 if seed == 0 else np.random.default_rng(seed).random()
     half = 0.5 * _TURN / n * (np.arange(n) + start)
     return from_quaternion(np.concatenate([np.sin(half)[:, None] * axis, np.cos(half)[:, None]], axis=-1))
@@ -78,9 +78,3 @@ def spread_turns(count: int, axis: FloatArray, *, seed: int = 0) -> FloatArray:
 def _random_rotation(seed: int) -> FloatArray:
     quaternion = np.random.default_rng(seed).standard_normal(4)
     return np.asarray(from_quaternion(quaternion / np.linalg.norm(quaternion)))
-
-
-def _counted(count: int) -> int:
-    if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
-        raise ArrayError(f"orientations must be a whole number of at least 1, got {count!r}")
-    return int(count)

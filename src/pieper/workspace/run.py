@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from pieper._native import kernels
 from pieper._version import __version__
 from pieper.errors import MapError, MissingExtraError
+from pieper.workspace.grid import whole
 from pieper.workspace.measure import Measurer
 from pieper.workspace.store import Memory
 
@@ -115,9 +116,7 @@ class Processes:
     """
 
     def __init__(self, count: int) -> None:
-        if isinstance(count, bool) or not isinstance(count, int) or count < 1:
-            raise MapError(f"workers must be a whole number of at least 1, got {count!r}")
-        self.count = count
+        self.count = whole(count, "workers")
         self._pool: futures.ProcessPoolExecutor | None = None
 
     @property
@@ -162,14 +161,17 @@ class Cluster:
     """
 
     def __init__(self, address: str, *, timeout: float = 10.0) -> None:
+        connect: Any
         try:
-            from distributed import Client
+            from distributed import Client as connect
         except ImportError as cause:
             raise MissingExtraError("distributed", "cluster", "working on a Dask cluster") from cause
         try:
-            self._client = Client(address, timeout=timeout, set_as_default=False)
+            self._client: Any = connect(address, timeout=timeout, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:
-            raise MapError(f"no Dask scheduler at {address}: {str(error).splitlines()[0] if str(error) else error!r}") from error
+            raise MapError(
+                f"no Dask scheduler at {address}: {str(error).splitlines()[0] if str(error) else error!r}"
+            ) from error
         self.address = address
         self._cores = 1
 
@@ -183,13 +185,15 @@ class Cluster:
         self._client.wait_for_workers(1, timeout=60)
         self._cores = sum(self._client.nthreads().values())
         there = self._client.run(_who, on_error="return")
-        common = [name for name in kernels.instruction_sets()]
+        common = list(kernels.instruction_sets())
         for worker, told in there.items():
             if isinstance(told, BaseException):
                 raise MapError(f"the worker {worker} cannot work on a map: {told}")
             version, sets = told
             if version != __version__:
-                raise MapError(f"the worker {worker} has pieper {version}, this is {__version__}; install the same there")
+                raise MapError(
+                    f"the worker {worker} has pieper {version}, this is {__version__}; install the same there"
+                )
             common = [name for name in common if name in sets]
         if survey.instructions in common:
             return survey
@@ -287,7 +291,7 @@ class _Work:
                     self._do(executor, self._suspects, window=1)
                 else:
                     self._do(executor, self._open, window=self.workers.window)
-            except futures.BrokenExecutor:
+            except futures.BrokenExecutor:  # noqa: PERF203  that is what it is about
                 executor = self.workers.open()
 
     def _do(self, executor: futures.Executor, chunks: deque[int], *, window: int) -> None:

@@ -11,7 +11,6 @@ import json
 import math
 import secrets
 import shutil
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -23,7 +22,7 @@ from pieper.workspace.measure import QUANTITIES
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -220,7 +219,9 @@ def open_store(path: str | os.PathLike[str]) -> ZarrStore:
     except Exception as error:  # whatever is in the file
         raise MapError(f"{target}: zarr.json cannot be read ({_first_line(error)})") from error
     if attributes.get("format") != FORMAT:
-        raise MapError(f"{target} is a zarr store, but no map made by pieper workspace: its format is {attributes.get('format')!r}")
+        raise MapError(
+            f"{target} is a zarr store, but no map made by pieper workspace: its format is {attributes.get('format')!r}"
+        )
     if attributes.get("format_version") != FORMAT_VERSION:
         raise MapError(
             f"{target} has version {attributes.get('format_version')!r} of the format; this pieper reads version {FORMAT_VERSION}"
@@ -239,7 +240,9 @@ def open_store(path: str | os.PathLike[str]) -> ZarrStore:
         try:
             array = group[name]
         except Exception as error:
-            raise MapError(f"{target}: the array {name!r} is missing or cannot be read ({_first_line(error)})") from error
+            raise MapError(
+                f"{target}: the array {name!r} is missing or cannot be read ({_first_line(error)})"
+            ) from error
         chunks = tuple(min(grid.chunk, n) for n in grid.shape)
         got = (getattr(array, "shape", None), getattr(array, "chunks", None), str(getattr(array, "dtype", "")))
         if got != (grid.shape, chunks, str(np.dtype(kind))):
@@ -263,7 +266,9 @@ def resume(path: str | os.PathLike[str], survey: Survey) -> ZarrStore:
     asked, there = _plain(survey.record()), store.record
     other = [key for key in asked if asked[key] != there.get(key)]
     if other:
-        differences = "; ".join(f"{key} is {_short(there.get(key))} there and {_short(asked[key])} here" for key in other)
+        differences = "; ".join(
+            f"{key} is {_short(there.get(key))} there and {_short(asked[key])} here" for key in other
+        )
         raise MapError(f"{store.path} belongs to another question: {differences}. Ask the same, or name another store")
     store.check()
     return store

@@ -33,7 +33,7 @@ from pieper.ik.solve import solver
 from pieper.ik.target import ignore_orientation, position_and_axis
 from pieper.kinematics.reach import extent
 from pieper.model.chain import Chain
-from pieper.workspace.grid import CHUNK, Grid, axis_number, grid_over
+from pieper.workspace.grid import CHUNK, Grid, axis_number, grid_over, positive, whole
 from pieper.workspace.orientations import spread_directions, spread_rotations, spread_turns
 
 if TYPE_CHECKING:
@@ -202,28 +202,25 @@ def survey(
     >>> from pieper.model import catalog
     >>> asked = survey(catalog.describe("ur5e").chain(), voxel=0.1, orientations=50)
     >>> asked.grid.shape, asked.poses, asked.words
-    ((19, 19, 19), 342950, '50 orientations')
+    ((21, 21, 20), 441000, '50 orientations')
     """
     chain = arm if isinstance(arm, Chain) else arm.chain
     description = None if isinstance(arm, Chain) else arm.description
     if chain.dof == 0:
         raise ArrayError(f"{chain.name!r} has no joints, and one place")
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise ArrayError(f"seed must be a whole number of at least 0, got {seed!r}")
-    if isinstance(redundancy, bool) or not isinstance(redundancy, (int, np.integer)) or redundancy < 1:
-        raise ArrayError(f"redundancy must be a whole number of at least 1, got {redundancy!r}")
+    turned, values = whole(seed, "seed", least=0), whole(redundancy, "redundancy")
+    count = whole(orientations, "orientations")
     if not 0.0 <= margin < np.inf:
         raise ArrayError(f"margin must be a distance of at least 0 [m], got {margin!r}")
-    spread_directions(orientations)  # says what is wrong with the number
     kind = _kind(chain)
     grid = _grid(chain, voxel, box, layer, chunk)
     return Survey(
         chain=chain,
         grid=grid,
         kind=kind,
-        samples=1 if kind == "position" else int(orientations),
-        seed=int(seed),
-        redundancy=int(redundancy) if chain.dof == _REDUNDANT else 1,
+        samples=1 if kind == "position" else count,
+        seed=turned,
+        redundancy=values if chain.dof == _REDUNDANT else 1,
         collision=bool(collision),
         margin=float(margin) if collision else 0.0,
         description=description if collision else None,
@@ -277,7 +274,7 @@ def _grid(chain: Chain, voxel: float, box: ArrayLike | None, layer: tuple[str, f
             raise ArrayError(f"a layer is at a finite coordinate [m], got {layer[1]!r}")
         corners = corners.copy()
         corners[:, i] = layer[1]
-    half = 0.5 * voxel if np.isscalar(voxel) and np.isfinite(voxel) else 0.0
+    half = 0.5 * positive(voxel, "voxel")
     if ((corners[1] + half < reached[0]) | (corners[0] - half > reached[1])).any():
         spans = ", ".join(f"{name} from {a:.3f} to {b:.3f}" for name, a, b in zip("xyz", *reached, strict=True))
         what = "the layer" if layer is not None and box is None else "the box"
