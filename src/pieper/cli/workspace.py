@@ -62,6 +62,9 @@ def workspace(
         bool, typer.Option("--collision", help="Count only answers in which the arm does not touch itself. Slow.")
     ] = False,
     margin: Annotated[float, typer.Option("--margin", metavar="M", help="Distance that is kept then [m].")] = 0.0,
+    counts_only: Annotated[
+        bool, typer.Option("--counts-only", help="Poses and solutions alone, without measures of how good they are.")
+    ] = False,
     chunk: Annotated[
         int, typer.Option("--chunk", metavar="N", help="Voxels along a chunk: what is stored, or lost, at once.")
     ] = 12,
@@ -112,6 +115,7 @@ def workspace(
         redundancy=redundancy,
         collision=collision,
         margin=margin,
+        measures=not counts_only,
         chunk=chunk,
     )
     hands = _workers(asked, workers, dask)
@@ -309,7 +313,8 @@ def _print(robot: Arm, asked: Survey, found: WorkspaceMap, summary: Summary, las
         spans = ", ".join(f"{name} {a:.3f} to {b:.3f}" for name, a, b in zip("xyz", low, high, strict=True))
         lines.append(("within", f"{spans} m"))
         lines.append(("solutions", f"up to {summary.most_solutions} of a pose"))
-        lines.append(("best", f"manipulability {summary.manipulability:.4g}"))
+        if asked.measures:
+            lines.append(("best", f"manipulability {summary.manipulability:.4g}"))
     if last is not None and last.poses:
         lines.append(("took", f"{last.seconds:.2f} s, {last.rate / 1e6:.3g} million poses a second"))
     for name, words in lines:

@@ -159,7 +159,7 @@ class WorkspaceMap:
             full += int((reached == self.samples).sum())
             total += int(reached.sum(dtype=np.int64))
             most = max(most, int(solutions.max()))
-            best = float(np.fmax(best, np.nanmax(measure)))
+            best = float(np.fmax(best, np.fmax.reduce(measure)))
             low, high = np.minimum(low, centres[here].min(axis=0)), np.maximum(high, centres[here].max(axis=0))
         half = 0.5 * grid.voxel
         box = np.array([low - half, high + half]) if some else np.full((2, 3), np.nan)

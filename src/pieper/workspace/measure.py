@@ -82,6 +82,7 @@ class Measurer:
         self.chain = survey.chain
         self.solver = solver(survey.chain)
         self._values = self._joint = self._free = None
+        self._middle, self._half = _ranges(survey.chain.limits)
         self._rows = 3 if survey.kind == "position" else 6
         places = 8
         if survey.redundancy > 1 or survey.chain.dof == 7:
@@ -115,7 +116,7 @@ class Measurer:
         at = np.flatnonzero(answers.within_limits)
         if not len(at):
             return
-        q = answers.q.reshape(-1, n)[at]
+        q = np.take(answers.q.reshape(-1, n), at, axis=0)
         pose = at // places
         if self._free is not None:
             free = self._free(q)
@@ -126,7 +127,8 @@ class Measurer:
         out["reached"][:] = np.count_nonzero(counts, axis=1)
         out["solutions"][:] = counts.sum(axis=1)
         out["most_solutions"][:] = counts.max(axis=1)
-        self._best(q, pose // m, out)
+        if self.survey.measures:
+            self._best(q, pose // m, out)
 
     def _answers(self, centres: FloatArray) -> IKSolutions:
         survey = self.survey
@@ -152,22 +154,41 @@ class Measurer:
         """The best of all answers in each voxel; `voxel` (S,) rises."""
         first = np.flatnonzero(np.diff(voxel, prepend=-1))
         here = voxel[first]
-        margin = np.full(len(q), np.inf)
-        for x, (lower, upper) in zip(q.T, self.chain.limits, strict=True):
-            np.minimum(margin, x - lower, out=margin)
-            np.minimum(margin, upper - x, out=margin)
-        out["limit_margin"][here] = np.maximum.reduceat(margin, first)
         measure = self._manipulability(q)
         most = np.maximum.reduceat(measure, first)
         out["manipulability"][here] = most
         alike = np.flatnonzero(measure >= np.repeat(most * (1.0 - _ALIKE), np.diff(first, append=len(q))))
         distance = distance_to_singularity(self.chain.native.jacobian(q[alike])[:, : self._rows])
         out["singularity"][here] = np.maximum.reduceat(distance, np.flatnonzero(np.diff(voxel[alike], prepend=-1)))
+        out["limit_margin"][here] = np.maximum.reduceat(self._margin(q), first)  # overwrites q
+
+    def _margin(self, q: FloatArray) -> FloatArray:
+        """(S,) distance of the joint nearest to one of its limits [rad or m]."""
+        if self._middle is None or self._half is None:
+            lower, upper = self.chain.limits.T
+            return np.asarray(np.minimum(q - lower, upper - q).min(axis=1))
+        q -= self._middle
+        np.abs(q, out=q)
+        np.subtract(self._half, q, out=q)
+        margin = q[:, 0].copy()
+        for column in q.T[1:]:
+            np.minimum(margin, column, out=margin)
+        return margin
 
     def _manipulability(self, q: FloatArray) -> FloatArray:
         if self._rows == 6:
             return self.chain.native.manipulability(q)
         return manipulability(self.chain.native.jacobian(q)[:, : self._rows])
+
+
+def _ranges(limits: FloatArray) -> tuple[FloatArray | None, FloatArray | None]:
+    """(n,) middle and half of each joint's range; None where one is bounded on one side only."""
+    lower, upper = limits.T
+    endless = np.isinf(lower) & np.isinf(upper)
+    if (np.isinf(limits).any(axis=1) & ~endless).any():
+        return None, None
+    bounds = np.where(endless[:, None], 0.0, limits)
+    return bounds.mean(axis=1), np.where(endless, np.inf, 0.5 * (bounds[:, 1] - bounds[:, 0]))
 
 
 def _is_free(survey: Survey) -> Any:

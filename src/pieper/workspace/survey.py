@@ -74,6 +74,8 @@ class Survey:
         Distance that is kept then [m].
     description : Description or None
         Where the solids of the arm are from, if collisions count.
+    measures : bool
+        Whether manipulability, singularity and limit margin are looked at, or poses and solutions are counted alone.
     instructions : str
         The vector instructions that every worker is to use: others round otherwise, and a map is to be the same everywhere.
     """
@@ -87,6 +89,7 @@ class Survey:
     collision: bool = False
     margin: float = 0.0
     description: Description | None = None
+    measures: bool = True
     instructions: str = field(default_factory=kernels.instruction_set)
 
     @property
@@ -142,6 +145,7 @@ class Survey:
             "collision": self.collision,
             "margin": self.margin,
             "solids": self._solids_digest(),
+            "measures": self.measures,
             "instructions": self.instructions,
             "version": __version__,
         }
@@ -164,6 +168,7 @@ def survey(
     redundancy: int = 16,
     collision: bool = False,
     margin: float = 0.0,
+    measures: bool = True,
     chunk: int = CHUNK,
 ) -> Survey:
     """What to ask of an arm.
@@ -188,6 +193,8 @@ def survey(
         Count only answers in which the arm does not touch itself (extra ``plan``).
     margin : float
         Distance that is kept then [m].
+    measures : bool
+        False to count poses and solutions alone, which is quicker.
     chunk : int
         Voxels along each side of a chunk, which is the least that is computed, stored and lost.
 
@@ -224,6 +231,7 @@ def survey(
         collision=bool(collision),
         margin=float(margin) if collision else 0.0,
         description=description if collision else None,
+        measures=bool(measures),
     )
 
 
