@@ -185,8 +185,9 @@ def _whole(
     axes.view_init(elev=22.0, azim=-55.0)
     axes.set_facecolor("none")
     axes.tick_params(labelsize=6, labelcolor=colours.ink, pad=-2)
+    axes.set_xlabel("x [m]", fontsize=7.5, color=colours.ink, labelpad=-6)
+    axes.set_ylabel("y [m]", fontsize=7.5, color=colours.ink, labelpad=-6)  # that of z would run into the next
     for name in "xyz":
-        getattr(axes, f"set_{name}label")(f"{name} [m]", fontsize=7.5, color=colours.ink, labelpad=-6)
         getattr(axes, f"{name}axis").pane.set_visible(False)
     axes.locator_params(nbins=5)
     return image
