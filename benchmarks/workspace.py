@@ -180,6 +180,64 @@ def projected(poses: float, us_per_pose: float, chunk: dict[str, float], dask_ms
     return {"poses": poses, "one_core_hours": 1e-6 * us_per_pose * poses / 3600.0, "chunks": chunks, "nodes": rows}
 
 
+def write_page(data: dict) -> None:
+    """The figures on the page of the guide."""
+    figures = data["figures"]
+    best, arms, large = figures["best"], figures["arms"], figures["large"]
+    rows = [
+        ("UR5e, 5 cm, 200 orientations", f"{figures['poses'] / 1e6:.1f} million poses, all quantities, stored", ""),
+        (
+            "on two processes",
+            f"{best['2']['wall_s']:.1f} s on the wall, {best['2']['cpu_s']:.1f} s of processor time",
+            "60 s",
+        ),
+        ("on one process", f"{best['1']['wall_s']:.1f} s, {best['1']['cpu_s']:.1f} s", ""),
+        ("one to two processes", f"{figures['scaling_wall']:.2f} times", "1.8 times"),
+        ("the compiled solver alone", f"{figures['bare_us_per_pose']:.2f} us a pose", ""),
+        ("more than that, counting", f"{100 * figures['overhead_counts_only']:.0f} %", "20 %"),
+        ("more than that, all quantities", f"{100 * figures['overhead_all_quantities']:.0f} %", ""),
+        (f"memory at {large['voxels'] / 1e6:.0f} million voxels", f"{large['peak_MB']:.0f} MB", "500 MB"),
+    ]
+    lines = ["", "| | measured | asked |", "|---|---|---|", *(f"| {' | '.join(row)} |" for row in rows), ""]
+    per = ", ".join(f"{name} {row['us_per_pose']:.2g}" for name, row in arms.items())
+    lines += [f"Microseconds of one core for a pose: {per}.", ""]
+    chunk, dask = figures["chunks"][str(LARGE)], figures["dask_passing_ms"][str(LARGE)]
+    lines += [
+        f"A chunk of {LARGE} voxels along a side costs the process that hands it out {chunk['storing_ms']:.1f} ms to store and "
+        f"{dask:.1f} ms to pass over Dask, however many poses are in it. Projected from that and from the cost of a pose, for nodes of {NODE} cores "
+        "like this one, with 200 orientations: the longer of the poses over all cores and of the chunks through that process.",
+        "",
+        "| poses | one core | "
+        + " | ".join(f"{n} node{'s' if n != '1' else ''}" for n in figures["projection"][0]["nodes"])
+        + " |",
+        "|---|---|" + "---|" * len(figures["projection"][0]["nodes"]),
+    ]
+    for row in figures["projection"]:
+        times = " | ".join(duration(3600.0 * each["hours"]) for each in row["nodes"].values())
+        power = int(np.log10(row["poses"]))
+        lines.append(f"| 10^{power} | {duration(3600.0 * row['one_core_hours'])} | {times} |")
+    lines += [
+        "",
+        f"These are projections, not measurements: nothing larger than this machine was there. At 10^12 poses the store has about "
+        f"{1e12 / 200 * large['bytes_per_voxel'] / 1e9:.0f} GB.",
+        "",
+        f"Measured on {data['date']} with pieper {data['versions']['pieper']}, commit {data['commit']}, on {data['machine']['processor']}, two cores, "
+        f"load average {figures['load_average']:.1f}.",
+        "",
+    ]
+    page = results.HERE.parent / "docs" / "guides" / "workspace.md"
+    begin, end = "<!-- figures: written by benchmarks/workspace.py -->", "<!-- end of figures -->"
+    before, _, rest = page.read_text().partition(begin)
+    page.write_text(before + begin + "\n" + "\n".join(lines) + end + rest.partition(end)[2])
+
+
+def duration(seconds: float) -> str:
+    """In words that fit a table."""
+    if seconds < 120.0:
+        return f"{seconds:.2g} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.0f} h"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=3)
@@ -223,6 +281,7 @@ def main() -> None:
         rounds=results.rounded(scaled),
         figures=results.rounded(figures),
     )
+    write_page(results.load("workspace"))
 
 
 if __name__ == "__main__":

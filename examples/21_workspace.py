@@ -12,7 +12,9 @@ arm = pieper.load("ur5e")
 found = run(survey(arm, voxel=0.1, orientations=60))
 told = found.summary()
 print(f"{arm.name} reaches {told.reachable:.2f} m^3, {told.dexterous:.2f} m^3 of it with every one of 60 orientations")
-print(f"a reachable voxel has {100 * told.mean_dexterity:.0f} % of them, and poses up to {told.most_solutions} solutions")
+print(
+    f"a reachable voxel has {100 * told.mean_dexterity:.0f} % of them, and poses up to {told.most_solutions} solutions"
+)
 
 share, x = found.layer("dexterity", "y", 0.0), found.grid.axis("x")
 height = found.grid.layer("z", 0.3)

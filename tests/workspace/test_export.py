@@ -88,7 +88,9 @@ def test_what_cannot_be_exported_is_told(found: WorkspaceMap, tmp_path: Path) ->
     with pytest.raises(ArrayError, match=r"level must be a share between 0 and 1, got 1\.5"):
         boundary(found, level=1.5)
     with pytest.raises(MapError, match=r"no voxel reaches a share of 0\.999"):
-        boundary(run(survey(chain("ur5e"), voxel=0.1, orientations=30, box=[[0.9, 0.0, 0.0], [0.92, 0.1, 0.1]])), level=0.999)
+        boundary(
+            run(survey(chain("ur5e"), voxel=0.1, orientations=30, box=[[0.9, 0.0, 0.0], [0.92, 0.1, 0.1]])), level=0.999
+        )
     with pytest.raises(ArrayError, match="a surface needs a map of more than one layer"):
         boundary(run(survey(planar(1.0, 0.6), voxel=0.2)))
     with pytest.raises(UnknownNameError, match=r"no quantity 'dexterty'.*did you mean 'dexterity'"):

@@ -62,7 +62,8 @@ def workspace(
     points, values = found.points(quantity)
     if not len(points):
         raise ArrayError("nothing in this map is reachable, so that there is nothing to draw")
-    scale = (0.0, 1.0) if quantity == "dexterity" else _range(values)
+    pointing = (quantity, found.record["kind"]) == ("dexterity", "directions")  # of which no arm has nearly all
+    scale = (0.0, float(values.max()) if pointing else 1.0) if quantity == "dexterity" else _range(values)
     if flat:
         colours, figure = _new(theme, 5.2, 4.4, title)
         axes: Any = figure.add_subplot()
@@ -76,9 +77,7 @@ def workspace(
         _slice(figure.add_subplot(grid[1]), colours, found, quantity, "y", y, scale, links)
         _slice(figure.add_subplot(grid[2]), colours, found, quantity, "z", z, scale, links)
     bar = figure.colorbar(image, ax=figure.axes, shrink=0.8, pad=0.02)
-    words = (
-        "share of directions" if (quantity, found.record["kind"]) == ("dexterity", "directions") else UNITS[quantity]
-    )
+    words = "share of directions" if pointing else UNITS[quantity]
     bar.set_label(words, fontsize=8.5, color=colours.ink)
     bar.ax.tick_params(labelsize=7.5, labelcolor=colours.ink, color=colours.faint)
     bar.outline.set_visible(False)
