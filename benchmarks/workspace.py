@@ -203,9 +203,11 @@ def write_page(data: dict) -> None:
     lines += [f"Microseconds of one core for a pose: {per}.", ""]
     chunk, dask = figures["chunks"][str(LARGE)], figures["dask_passing_ms"][str(LARGE)]
     lines += [
-        f"A chunk of {LARGE} voxels along a side costs the process that hands it out {chunk['storing_ms']:.1f} ms to store and "
-        f"{dask:.1f} ms to pass over Dask, however many poses are in it. Projected from that and from the cost of a pose, for nodes of {NODE} cores "
-        "like this one, with 200 orientations: the longer of the poses over all cores and of the chunks through that process.",
+        (
+            f"A chunk of {LARGE} voxels along a side costs the process that hands it out {chunk['storing_ms']:.1f} ms to store and "
+            f"{dask:.1f} ms to pass over Dask, however many poses are in it. Projected from that and from the cost of a pose, for nodes of {NODE} cores "
+            "like this one, with 200 orientations: the longer of the poses over all cores and of the chunks through that process."
+        ),
         "",
         "| poses | one core | "
         + " | ".join(f"{n} node{'s' if n != '1' else ''}" for n in figures["projection"][0]["nodes"])
@@ -218,11 +220,15 @@ def write_page(data: dict) -> None:
         lines.append(f"| 10^{power} | {duration(3600.0 * row['one_core_hours'])} | {times} |")
     lines += [
         "",
-        f"These are projections, not measurements: nothing larger than this machine was there. At 10^12 poses the store has about "
-        f"{1e12 / 200 * large['bytes_per_voxel'] / 1e9:.0f} GB.",
+        (
+            f"These are projections, not measurements: nothing larger than this machine was there. At 10^12 poses the store has about "
+            f"{1e12 / 200 * large['bytes_per_voxel'] / 1e9:.0f} GB."
+        ),
         "",
-        f"Measured on {data['date']} with pieper {data['versions']['pieper']}, commit {data['commit']}, on {data['machine']['processor']}, two cores, "
-        f"load average {figures['load_average']:.1f}.",
+        (
+            f"Measured on {data['date']} with pieper {data['versions']['pieper']}, commit {data['commit']}, on {data['machine']['processor']}, two cores, "
+            f"load average {figures['load_average']:.1f}."
+        ),
         "",
     ]
     page = results.HERE.parent / "docs" / "guides" / "workspace.md"

@@ -97,15 +97,15 @@ class MapPanel(Panel):
             values = self._of(self.quantity.value)
             kept = self._shown()
             step = -(-int(kept.sum()) // _MOST_POINTS) if kept.any() else 1
-            kept = np.flatnonzero(kept)[::step]
+            some = np.flatnonzero(kept)[::step]
             low, high = scale(values)
             self._handle = scene.add_point_cloud(
                 "/map",
-                self._points[kept].astype(np.float32),
-                colors(values[kept], low, high),
+                self._points[some].astype(np.float32),
+                colors(values[some], low, high),
                 point_size=0.35 * self._found.grid.voxel,
             )
-            self._tell(f"{UNITS[self.quantity.value]}: dark {low:.3g}, light {high:.3g}; {len(kept)} voxels")
+            self._tell(f"{UNITS[self.quantity.value]}: dark {low:.3g}, light {high:.3g}; {len(some)} voxels")
         else:
             self._tell("")
 

@@ -30,14 +30,14 @@ QUANTITIES: dict[str, tuple[str, float]] = {
 }
 """Arrays of a map, their type, and what they hold where nothing is reached. ``reached`` is the last: it is stored last.
 
-========== ====================================================================================================
-reached         poses of the voxel with an answer that counts: inside the limits and, if asked, touching nothing
-solutions       answers of all these poses together; of seven joints, the branches
-most_solutions  the largest number of answers that one pose has
-manipulability  the greatest of all answers, Yoshikawa's measure of all six rows, of the linear three for positions
-singularity     smallest singular value of the Jacobian there, its distance to a singularity [-]; of equals the best
-limit_margin    the greatest distance, over all answers, of the joint nearest to one of its limits [rad or m]
-========== ====================================================================================================
+============== ====================================================================================================
+reached        poses of the voxel with an answer that counts: inside the limits and, if asked, touching nothing
+solutions      answers of all these poses together; of seven joints, the branches
+most_solutions the largest number of answers that one pose has
+manipulability the greatest of all answers, Yoshikawa's measure of all six rows, of the linear three for positions
+singularity    smallest singular value of the Jacobian there, its distance to a singularity [-]; of equals the best
+limit_margin   the greatest distance, over all answers, of the joint nearest to one of its limits [rad or m]
+============== ====================================================================================================
 """
 
 _PLACES = 26_000
