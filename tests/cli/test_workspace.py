@@ -7,6 +7,8 @@ import sys
 import matplotlib.image
 import pytest
 
+pytest.importorskip("zarr", reason="zarr is not installed: the extra 'maps'")
+
 SMALL = ("--voxel", 0.3, "--orientations", 8)
 
 

@@ -6,21 +6,24 @@ import csv
 import json
 from pathlib import Path
 
-import h5py
-import meshio
 import numpy as np
 import pytest
-import trimesh
 
 from pieper.errors import ArrayError, MapError, UnknownNameError
 from pieper.workspace.boundary import boundary
 from pieper.workspace.export import export
+from pieper.workspace.grid import Grid
 from pieper.workspace.map import WorkspaceMap
 from pieper.workspace.measure import QUANTITIES
 from pieper.workspace.run import run
 from pieper.workspace.survey import survey
 from tests.robots import chain
 from tests.workspace.arms import elbow_arm, planar
+
+h5py = pytest.importorskip("h5py", reason="h5py is not installed: the extra 'maps'")
+pytest.importorskip("skimage", reason="scikit-image is not installed: the extra 'maps'")
+meshio = pytest.importorskip("meshio", reason="meshio, which reads VTK files, is not installed")
+trimesh = pytest.importorskip("trimesh", reason="the viewer's extra is not installed")
 
 FLOAT32 = 1e-6
 VOXELS = 0.05  # by how much a volume of a ball of 12 voxels' radius may differ from that in voxels, relative
@@ -80,6 +83,23 @@ def test_ply_is_read_by_another_program(found: WorkspaceMap, tmp_path: Path) -> 
     assert mesh.volume > 0.0  # normals outwards
 
 
+def test_a_map_is_read_in_pieces_that_cover_it_once() -> None:
+    grid = Grid((0.0, 0.0, 0.0), 0.1, (13, 7, 11), chunk=3)
+    for most in (1, 30, 100, 400, 10_000):
+        seen = np.zeros(grid.shape, dtype=int)
+        for region in grid.pieces(most=most):
+            seen[region] += 1
+            assert seen[region].size <= max(most, 27)
+        assert (seen == 1).all()
+
+
+def test_points_can_be_thinned(found: WorkspaceMap) -> None:
+    every, _ = found.points("dexterity")
+    some, values = found.points("dexterity", most=found.grid.voxels // 8 + 1)
+    assert 0 < len(some) < len(every) / 4
+    assert len(values) == len(some)
+
+
 def test_what_cannot_be_exported_is_told(found: WorkspaceMap, tmp_path: Path) -> None:
     with pytest.raises(ArrayError, match=r"ends in \.csv, \.h5, \.vtk, \.ply, got 'map\.xyz'"):
         export(found, "map.xyz")
@@ -89,7 +109,7 @@ def test_what_cannot_be_exported_is_told(found: WorkspaceMap, tmp_path: Path) ->
         boundary(found, level=1.5)
     with pytest.raises(MapError, match=r"no voxel reaches a share of 0\.999"):
         boundary(
-            run(survey(chain("ur5e"), voxel=0.1, orientations=30, box=[[0.9, 0.0, 0.0], [0.92, 0.1, 0.1]])), level=0.999
+            run(survey(chain("ur5e"), voxel=0.1, orientations=30, box=[[0.9, 0.0, 0.0], [1.0, 0.1, 0.1]])), level=0.999
         )
     with pytest.raises(ArrayError, match="a surface needs a map of more than one layer"):
         boundary(run(survey(planar(1.0, 0.6), voxel=0.2)))

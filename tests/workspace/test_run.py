@@ -25,6 +25,8 @@ from pieper.workspace.store import Memory
 from pieper.workspace.survey import Survey, survey
 from tests.robots import chain
 
+pytest.importorskip("zarr", reason="zarr is not installed: the extra 'maps'")
+
 BOX = [[-0.9, -0.9, 0.0], [0.9, 0.9, 0.8]]
 
 

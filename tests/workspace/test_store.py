@@ -5,17 +5,20 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-import zarr
 
+from pieper._native import kernels
 from pieper.errors import MapError
 from pieper.workspace import store as stores
 from pieper.workspace.run import run
 from pieper.workspace.survey import Survey, survey
 from tests.robots import chain
+
+zarr = pytest.importorskip("zarr", reason="zarr is not installed: the extra 'maps'")
 
 BOX = [[0.2, -0.2, 0.2], [0.6, 0.2, 0.6]]
 
@@ -165,6 +168,21 @@ def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
     zarr.create_group(str(tmp_path / "pictures.zarr"))
     with pytest.raises(MapError, match="no map made by pieper workspace"):
         stores.open_store(tmp_path / "pictures.zarr")
+
+
+def test_a_map_that_was_begun_with_other_instructions_goes_on_with_them(tmp_path: Path) -> None:
+    other = kernels.instruction_sets()[0]
+    before = kernels.instruction_set()
+    place = tmp_path / "map.zarr"
+    try:
+        run(asked(), stores.create(place, replace(asked(), instructions=other)), stop=lambda: True)
+        assert stores.like(place, asked()).instructions == other
+        stores.resume(place, stores.like(place, asked()))
+        if other != before:
+            with pytest.raises(MapError, match=f"instructions is '{other}' there and '{before}' here"):
+                stores.resume(place, asked())
+    finally:
+        kernels.use_instruction_set(before)
 
 
 def test_a_chunk_whose_file_is_removed_is_computed_again(place: Path) -> None:

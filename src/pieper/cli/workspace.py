@@ -217,10 +217,13 @@ def _make(asked: Survey, hands: Workers, out: Path | None, *, resume: bool) -> t
 
     told: list[Progress] = []
     try:
+        begun = resume and out is not None and out.exists()
+        if begun and out is not None:
+            asked = stores.like(out, asked)
         asked = hands.agree(asked)
         kept: Store | None = None
         if out is not None:
-            kept = stores.resume(out, asked) if resume and out.exists() else stores.create(out, asked)
+            kept = stores.resume(out, asked) if begun else stores.create(out, asked)
         with _stopped_by_signal() as came, _progress(asked) as advance:
 
             def tell(step: Progress) -> None:

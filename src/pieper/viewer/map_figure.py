@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from pieper.workspace.place import Placement
 
 _COLOURS = "viridis"
+_MOST_VOXELS = 2_000_000  # that are looked at
 _MOST_POINTS = 30_000  # in three dimensions
 _OTHERS = {"x": ("y", "z"), "y": ("x", "z"), "z": ("x", "y")}
 
@@ -59,7 +60,7 @@ def workspace(
     shape = found.grid.shape
     flat = [name for name, n in zip("xyz", shape, strict=True) if n == 1]
     links = None if chain is None else _links(chain)
-    points, values = found.points(quantity)
+    points, values = found.points(quantity, most=_MOST_VOXELS)
     if not len(points):
         raise ArrayError("nothing in this map is reachable, so that there is nothing to draw")
     pointing = (quantity, found.record["kind"]) == ("dexterity", "directions")  # of which no arm has nearly all
@@ -195,8 +196,8 @@ def _whole(
 def _widest(found: WorkspaceMap) -> float:
     """The height at which most orientations are reached, all voxels of a layer together."""
     total = np.zeros(found.grid.shape[2])
-    for region in found.grid.layers():
-        total += found.array("reached", region).sum(axis=(0, 1), dtype=np.float64)
+    for region in found.grid.pieces():
+        total[region[2]] += found.array("reached", region).sum(axis=(0, 1), dtype=np.float64)
     return float(found.grid.axis("z")[int(np.argmax(total))])
 
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 _POINTS, _SURFACE, _NOTHING = "points", "surface", "nothing"
 _NO_CUT = "whole"
 _CUTS = (_NO_CUT, "behind x", "behind y", "below z")
+_MOST_VOXELS = 2_000_000  # that are looked at
 _MOST_POINTS = 200_000  # that a browser draws with ease
 _SCALE = np.array([[59, 15, 112], [47, 75, 150], [30, 127, 142], [60, 176, 110], [173, 212, 60], [252, 231, 60]], float)
 """Red, green, blue from the least to the greatest: rising in lightness, apart for colour-blind readers."""
@@ -49,7 +50,7 @@ class MapPanel(Panel):
         found.require_complete("the viewer")
         self._found = found
         self._first = quantity
-        self._points, self._dexterity = found.points("dexterity")
+        self._points, self._dexterity = found.points("dexterity", most=_MOST_VOXELS)
         self._values: dict[str, NDArray[Any]] = {"dexterity": self._dexterity}
         self._handle: Any = None
 
@@ -111,7 +112,7 @@ class MapPanel(Panel):
 
     def _of(self, quantity: str) -> NDArray[Any]:
         if quantity not in self._values:
-            self._values[quantity] = self._found.points(quantity)[1]
+            self._values[quantity] = self._found.points(quantity, most=_MOST_VOXELS)[1]
         return self._values[quantity]
 
     def _shown(self) -> NDArray[np.bool_]:

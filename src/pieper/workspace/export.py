@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 FORMATS = (".csv", ".h5", ".vtk", ".ply")
 """What `export` writes, by the suffix."""
 
+_AT_ONCE = 4_000_000
+"""Voxels that are written together."""
+
 _COLUMNS = ("reached", "dexterity", "solutions", "most_solutions", "manipulability", "singularity", "limit_margin")
 
 
@@ -105,7 +108,7 @@ def _write_hdf5(found: WorkspaceMap, file: Path) -> None:
             name: out.create_dataset(name, grid.shape, dtype=kind, chunks=chunks, compression="gzip", fletcher32=True)
             for name, (kind, _) in QUANTITIES.items()
         }
-        for region in grid.layers():
+        for region in grid.pieces():
             for name, data in made.items():
                 data[region] = found.array(name, region)
 
@@ -124,8 +127,9 @@ def _write_vtk(found: WorkspaceMap, file: Path) -> None:
         for name in _COLUMNS:
             out.write(f"SCALARS {name} float 1\nLOOKUP_TABLE default\n".encode())
             nx, ny, nz = grid.shape
-            for start in range(0, nz, grid.chunk):
-                slab = (slice(0, nx), slice(0, ny), slice(start, min(start + grid.chunk, nz)))
+            thick = max(1, min(grid.chunk, _AT_ONCE // (nx * ny)))
+            for start in range(0, nz, thick):
+                slab = (slice(0, nx), slice(0, ny), slice(start, min(start + thick, nz)))
                 out.write(found.array(name, slab).astype(">f4").tobytes(order="F"))
             out.write(b"\n")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -122,11 +123,22 @@ class Grid:
             )
         return layer
 
-    def layers(self) -> Iterator[tuple[slice, slice, slice]]:
-        """Slabs as thick as a chunk, from one end of x to the other: the whole grid in pieces that fit into memory."""
-        for start in range(0, self.shape[0], self.chunk):
-            stop = min(start + self.chunk, self.shape[0])
-            yield slice(start, stop), slice(0, self.shape[1]), slice(0, self.shape[2])
+    def pieces(self, *, most: int = 2_000_000) -> Iterator[tuple[slice, slice, slice]]:
+        """The whole grid in pieces of whole chunks that fit into memory, of no more than `most` voxels where a chunk is smaller.
+
+        >>> list(Grid((0.0, 0.0, 0.0), 0.1, (3, 4, 5), chunk=2).pieces(most=24))[1]
+        (slice(0, 2, None), slice(2, 4, None), slice(0, 5, None))
+        """
+        sides = [self.chunk] * 3
+        for i in (2, 1):
+            others = math.prod(sides) // self.chunk
+            sides[i] = max(self.chunk, most // others // self.chunk * self.chunk)
+            sides[i] = min(sides[i], -(-self.shape[i] // self.chunk) * self.chunk)
+        spans = [
+            [slice(start, min(start + side, n)) for start in range(0, n, side)]
+            for side, n in zip(sides, self.shape, strict=True)
+        ]
+        yield from itertools.product(*spans)
 
 
 def axis_number(which: str) -> int:

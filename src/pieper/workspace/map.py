@@ -127,18 +127,35 @@ class WorkspaceMap:
         return np.asarray(self.array(name, (a, b, c)).squeeze(axis=i))
 
     def pieces(self, *names: str) -> Iterator[tuple[Region, FloatArray, list[NDArray[Any]]]]:
-        """The map in slabs that fit into memory: where, the centres (k, 3) [m], and each quantity (k,)."""
+        """The map in pieces that fit into memory: where, the centres (k, 3) [m], and each quantity (k,)."""
         axes = [self.grid.axis(name) for name in "xyz"]
-        for region in self.grid.layers():
+        for region in self.grid.pieces():
             some = [axis[part] for axis, part in zip(axes, region, strict=True)]
             centres = np.stack(np.meshgrid(*some, indexing="ij"), axis=-1).reshape(-1, 3)
             yield region, centres, [self.array(name, region).reshape(-1) for name in names]
 
-    def points(self, name: str = "dexterity", *, at_least: float = 0.0) -> tuple[FloatArray, NDArray[Any]]:
-        """Centres (k, 3) of the reachable voxels [m] and one quantity (k,), where that is at least a value."""
+    def points(
+        self, name: str = "dexterity", *, at_least: float | None = None, most: int | None = None
+    ) -> tuple[FloatArray, NDArray[Any]]:
+        """Centres (k, 3) of the reachable voxels [m] and one quantity (k,).
+
+        Parameters
+        ----------
+        name : str
+        at_least : float, optional
+            Only where the quantity is at least this.
+        most : int, optional
+            Of a grid with more voxels only every second, third ... along each axis is taken.
+        """
+        step = 1 if most is None else int(np.ceil((self.grid.voxels / most) ** (1.0 / 3.0)))
         where, values = [], []
-        for _, centres, (found, reached) in self.pieces(name, "reached"):
-            keep = (reached > 0) & (found >= at_least)
+        for region, centres, (found, reached) in self.pieces(name, "reached"):
+            keep = reached > 0
+            if at_least is not None:
+                keep &= found >= at_least
+            if step > 1:
+                taken = [np.arange(part.start, part.stop) % step == 0 for part in region]
+                keep &= (taken[0][:, None, None] & taken[1][:, None] & taken[2]).reshape(-1)
             where.append(centres[keep])
             values.append(found[keep])
         return np.concatenate(where), np.concatenate(values)

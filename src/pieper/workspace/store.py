@@ -11,11 +11,13 @@ import json
 import math
 import secrets
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from pieper._native import kernels
 from pieper.errors import MapError, MissingExtraError
 from pieper.workspace.map import WorkspaceMap, grid_of
 from pieper.workspace.measure import QUANTITIES
@@ -252,6 +254,12 @@ def open_store(path: str | os.PathLike[str]) -> ZarrStore:
             )
         arrays[name] = array.with_config({"write_empty_chunks": True})
     return ZarrStore(target, record, arrays)
+
+
+def like(path: str | os.PathLike[str], survey: Survey) -> Survey:
+    """The question with the vector instructions that a store was begun with, if this processor has them; else as it is."""
+    told = open_store(path).record.get("instructions")
+    return replace(survey, instructions=told) if told in kernels.instruction_sets() else survey
 
 
 def resume(path: str | os.PathLike[str], survey: Survey) -> ZarrStore:
