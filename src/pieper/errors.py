@@ -93,6 +93,10 @@ class VisionError(PieperError, ValueError):
     """A video, colour model, calibration or pattern is malformed, or does not suffice."""
 
 
+class MapError(PieperError, ValueError):
+    """A map of a workspace, the store that holds it, or a chunk of the work is not what it has to be."""
+
+
 class RosError(PieperError):
     """A ROS 2 name, type, message, parameter or network setting is not what it has to be."""
 

@@ -29,6 +29,7 @@ from pieper.cli import (
     learn_colour,
     move,
     pick,
+    place,
     plan,
     plot,
     reach,
@@ -38,6 +39,7 @@ from pieper.cli import (
     synthesize,
     track,
     view,
+    workspace,
 )
 from pieper.cli.node import RosCommand
 from pieper.errors import MissingExtraError, MissingLibraryError, PieperError, PieperWarning
@@ -69,6 +71,8 @@ for _verb, _summary in {
     move: "A motion within limits, into a file.",
     render: "Draw an arm, or a film of its motion.",
     view: "Open an arm in the browser.",
+    workspace: "Where an arm reaches, and how well.",
+    place: "Where to put the base, or which arm to take.",
     pick: "Pick things and place them in a bin, by physics.",
     convert: "Write an arm as DH rows, screws, URDF, formulas.",
     calibrate_arm: "The axes of an arm, from measured tips.",

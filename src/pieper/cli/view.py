@@ -63,6 +63,13 @@ def view(
     hold: Annotated[
         bool, typer.Option("--hold", help="The iteration holds the orientation, and does not ignore it.")
     ] = False,
+    workspace: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="MAP.zarr", help="A map of `pieper workspace --out`, as coloured points."),
+    ] = None,
+    show: Annotated[
+        str, typer.Option("--show", metavar="QUANTITY", help="What its colours show: dexterity, manipulability, ...")
+    ] = "dexterity",
     export: Annotated[
         Path | None,
         typer.Option("--export", metavar="FILE.html", help="Write the scene as one page that opens offline, and end."),
@@ -109,6 +116,8 @@ def view(
     ]
     if tracks:
         panels.append(PathsPanel([replace(track, color=color) for track, color in zip(tracks, cycle(COLORS))]))
+    if workspace is not None:
+        panels.append(_map(robot, workspace, show))
     server = Server(0 if export is not None else port, label=robot.name)
     try:
         window = View(
@@ -147,6 +156,22 @@ def _comparison(name: str, robot: Arm, other: str) -> Panel:
     from pieper.viewer.compare_panel import ComparePanel
 
     return ComparePanel(load(other), names=(name, other if other != name else f"{other} (2)"))
+
+
+def _map(robot: Arm, path: Path, show: str) -> Panel:
+    from pieper.errors import MapError, unknown_name
+    from pieper.viewer.map_panel import MapPanel
+    from pieper.workspace.map import UNITS
+    from pieper.workspace.store import open_store
+
+    if show not in UNITS:
+        raise unknown_name("quantity", show, UNITS, "a workspace map")
+    found = open_store(path).map()
+    if found.record["arm"] != robot.name or found.record["base"] != robot.base:
+        raise MapError(
+            f"{path} is a map of {found.record['arm']!r} from {found.record['base']!r}, and this is {robot.name!r} from {robot.base!r}"
+        )
+    return MapPanel(found, quantity=show)
 
 
 def _files(robot: Arm, trajectories: list[Path]) -> list[Track]:

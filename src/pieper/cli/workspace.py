@@ -1,0 +1,324 @@
+"""``pieper workspace``: where an arm can reach, and how well."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pieper.cli.arguments import ArmName, Base, Json, Nominal, Tip, load
+from pieper.cli.outputs import keep_apart
+from pieper.cli.show import console, print_json
+from pieper.cli.signals import handled
+from pieper.errors import ArrayError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from pieper.arm import Arm
+    from pieper.workspace.map import Summary, WorkspaceMap
+    from pieper.workspace.run import Progress, Workers
+    from pieper.workspace.store import Store
+    from pieper.workspace.survey import Survey
+
+_INTERRUPTED = 130
+_FEW = 1_000_000  # poses for which processes are not worth their start
+
+Tool = Annotated[
+    tuple[float, float, float] | None,
+    typer.Option("--tool", metavar="X Y Z", help="A tool: where its tip is, in the frame of the tip of the arm [m]."),
+]
+ToolRpy = Annotated[
+    tuple[float, float, float] | None,
+    typer.Option("--tool-rpy", metavar="ROLL PITCH YAW", help="And how it is turned there [rad]."),
+]
+
+
+def workspace(
+    arm: ArmName,
+    voxel: Annotated[float, typer.Option("--voxel", metavar="M", help="Side of a voxel [m].")] = 0.05,
+    orientations: Annotated[
+        int, typer.Option("--orientations", metavar="N", help="Asked in each voxel, evenly spread.")
+    ] = 200,
+    box: Annotated[
+        tuple[float, float, float, float, float, float] | None,
+        typer.Option("--box", metavar="X0 X1 Y0 Y1 Z0 Z1", help="Where to look [m]; all that is reached by default."),
+    ] = None,
+    layer: Annotated[
+        str | None, typer.Option("--slice", metavar="AXIS=M", help="One layer alone, as in y=0 or z=0.4.")
+    ] = None,
+    tool: Tool = None,
+    tool_rpy: ToolRpy = None,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Turn all orientations together; 0 for none.")] = 0,
+    redundancy: Annotated[
+        int, typer.Option("--redundancy", metavar="N", help="Seven joints: values tried of the one that is held.")
+    ] = 16,
+    collision: Annotated[
+        bool, typer.Option("--collision", help="Count only answers in which the arm does not touch itself. Slow.")
+    ] = False,
+    margin: Annotated[float, typer.Option("--margin", metavar="M", help="Distance that is kept then [m].")] = 0.0,
+    counts_only: Annotated[
+        bool, typer.Option("--counts-only", help="Poses and solutions alone, without measures of how good they are.")
+    ] = False,
+    chunk: Annotated[
+        int, typer.Option("--chunk", metavar="N", help="Voxels along a chunk: what is stored, or lost, at once.")
+    ] = 12,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="MAP.zarr", help="Keep the map in a folder as it is made.")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with a map that was begun in --out.")] = False,
+    workers: Annotated[
+        int | None, typer.Option("--workers", metavar="N", help="Processes; as many as cores by default.")
+    ] = None,
+    dask: Annotated[
+        str | None, typer.Option("--dask", metavar="ADDRESS", help="Of a Dask scheduler, as tcp://10.0.0.1:8786.")
+    ] = None,
+    show: Annotated[
+        str, typer.Option("--show", metavar="QUANTITY", help="What the figure shows: dexterity, manipulability, ...")
+    ] = "dexterity",
+    figure: Annotated[
+        Path | None, typer.Option("--figure", metavar="FILE", help="Draw it into a .png, .pdf or .svg file.")
+    ] = None,
+    exports: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--export", metavar="FILE", help="Write it as .csv, .h5, .vtk, or its surface as .ply; repeatable."
+        ),
+    ] = None,
+    level: Annotated[
+        float | None,
+        typer.Option("--level", metavar="SHARE", help="Dexterity on that surface; the edge of reach by default."),
+    ] = None,
+    json: Json = False,
+    base: Base = None,
+    tip: Tip = None,
+    nominal: Nominal = False,
+) -> int:
+    """Map where an arm can reach, with how many of all orientations, solutions, and how far from limits and singularities."""
+    from pieper.workspace.survey import survey
+
+    files = exports or []
+    _check(out, resume, workers, dask, figure, files, show)
+    robot = with_tool(load(arm, base=base, tip=tip, nominal=nominal), tool, tool_rpy)
+    asked = survey(
+        robot,
+        voxel=voxel,
+        orientations=orientations,
+        box=None if box is None else [box[0::2], box[1::2]],
+        layer=None if layer is None else _layer(layer),
+        seed=seed,
+        redundancy=redundancy,
+        collision=collision,
+        margin=margin,
+        measures=not counts_only,
+        chunk=chunk,
+    )
+    hands = _workers(asked, workers, dask)
+    found, last = _make(asked, hands, out, resume=resume)
+    if found.missing:
+        done = found.grid.chunks - len(found.missing)
+        how = "go on with --resume" if out is not None else "nothing is kept without --out"
+        typer.echo(f"{done} of {found.grid.chunks} chunks are finished; {how}", err=True)
+        return _INTERRUPTED
+    summary = found.summary()
+    if json:
+        print_json(_record(found, summary, last))
+    else:
+        _print(robot, asked, found, summary, last)
+    for file in files:
+        from pieper.workspace.export import export
+
+        _say_written(export(found, file, level=level), json=json)
+    if figure is not None:
+        from pieper.viewer import plot
+        from pieper.viewer.map_figure import workspace as drawn
+
+        _say_written(plot.save(drawn(found, quantity=show, chain=robot.chain, title=robot.name), figure), json=json)
+    if out is not None:
+        _say_written(out, json=json)
+    return 0 if summary.reachable > 0.0 else 1
+
+
+def with_tool(robot: Arm, tool: tuple[float, float, float] | None, rpy: tuple[float, float, float] | None) -> Arm:
+    """The arm with the tool that was asked for."""
+    if tool is None and rpy is None:
+        return robot
+    import numpy as np
+
+    from pieper.spatial.rotation import from_rpy
+
+    T = np.eye(4)
+    T[:3, 3] = tool or (0.0, 0.0, 0.0)
+    if rpy is not None:
+        T[:3, :3] = from_rpy(np.array(rpy))
+    return robot.with_tool(T)
+
+
+def _check(
+    out: Path | None,
+    resume: bool,
+    workers: int | None,
+    dask: str | None,
+    figure: Path | None,
+    files: list[Path],
+    show: str,
+) -> None:
+    """What can be said before any work."""
+    from pieper.errors import unknown_name
+    from pieper.workspace.export import checked_file
+    from pieper.workspace.map import UNITS
+
+    if resume and out is None:
+        raise ArrayError("--resume goes on with a map that is kept: name it with --out")
+    if workers is not None and dask is not None:
+        raise ArrayError("either --workers, on this machine, or --dask")
+    for file in files:
+        checked_file(file)
+    if figure is not None:
+        from pieper.viewer import plot
+
+        plot.checked_file(figure)
+    if show not in UNITS:
+        raise unknown_name("quantity", show, sorted(UNITS), "a workspace map")
+    keep_apart([], {"--out": out, "--figure": figure, **{f"--export {file}": file for file in files}})
+
+
+def _layer(text: str) -> tuple[str, float]:
+    axis, equals, value = text.partition("=")
+    try:
+        if axis.strip() not in ("x", "y", "z") or not equals:
+            raise ValueError
+        return axis.strip(), float(value)
+    except ValueError:
+        raise ArrayError(f"--slice takes an axis and a coordinate, as in y=0 or z=0.4, got {text!r}") from None
+
+
+def _workers(asked: Survey, workers: int | None, dask: str | None) -> Workers:
+    from pieper.workspace.run import Cluster, Here, Processes
+
+    if dask is not None:
+        return Cluster(dask)
+    if workers is None:
+        workers = os.cpu_count() or 1
+        if asked.poses * asked.redundancy < _FEW and not asked.collision:
+            workers = 1
+        workers = min(workers, asked.grid.chunks)
+    return Here() if workers == 1 else Processes(workers)
+
+
+def _make(asked: Survey, hands: Workers, out: Path | None, *, resume: bool) -> tuple[WorkspaceMap, Progress | None]:
+    from pieper.workspace import store as stores
+    from pieper.workspace.run import run
+
+    told: list[Progress] = []
+    try:
+        begun = resume and out is not None and out.exists()
+        if begun and out is not None:
+            asked = stores.like(out, asked)
+        asked = hands.agree(asked)
+        kept: Store | None = None
+        if out is not None:
+            kept = stores.resume(out, asked) if begun else stores.create(out, asked)
+        with _stopped_by_signal() as came, _progress(asked) as advance:
+
+            def tell(step: Progress) -> None:
+                told[:] = [step]
+                advance(step)
+
+            return run(asked, kept, workers=hands, progress=tell, stop=lambda: bool(came)), told[0]
+    finally:
+        hands.close()
+
+
+@contextmanager
+def _stopped_by_signal() -> Iterator[list[int]]:
+    """Ctrl-C, or an order to end, finishes the chunks under way; a second one ends at once."""
+    came: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield came
+        return
+
+    def stop(number: int, _: object) -> None:
+        if came:
+            raise KeyboardInterrupt
+        came.append(number)
+        typer.echo("\nfinishing the chunks under way; once more to leave at once", err=True)
+
+    with handled((signal.SIGINT, signal.SIGTERM), stop):
+        yield came
+
+
+@contextmanager
+def _progress(asked: Survey) -> Iterator[Callable[[Progress], None]]:
+    """A bar on standard error, where that is a terminal: chunks, poses per second, and the time that is left."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    screen = Console(stderr=True)
+    columns = (
+        TextColumn("chunks"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+    )
+    with Bar(*columns, console=screen, transient=True, disable=not screen.is_terminal) as bar:
+        task = bar.add_task("chunks", total=asked.grid.chunks, rate="")
+
+        def advance(step: Progress) -> None:
+            again = f", {step.retried} again" if step.retried else ""
+            rate = f"{step.rate / 1e6:.2f} million poses/s{again}" if step.poses else ""
+            bar.update(task, completed=step.chunks, rate=rate)
+
+        yield advance
+
+
+def _say_written(path: Path, *, json: bool) -> None:
+    if not json:
+        console().print(f"wrote {path}", markup=False, soft_wrap=True)
+
+
+def _record(found: WorkspaceMap, summary: Summary, last: Progress | None) -> dict[str, Any]:
+    from dataclasses import asdict
+
+    return {
+        **found.record,
+        **asdict(summary),
+        "poses": found.grid.voxels * found.samples,
+        "seconds": None if last is None else last.seconds,
+        "poses_per_second": None if last is None or not last.poses else last.rate,
+    }
+
+
+def _print(robot: Arm, asked: Survey, found: WorkspaceMap, summary: Summary, last: Progress | None) -> None:
+    say = console().print
+    grid = found.grid
+    flat = sum(n == 1 for n in grid.shape)
+    unit = {0: "m^3", 1: "m^2", 2: "m", 3: ""}[flat]
+    say(f"{robot.name}  {robot.base} -> {robot.tip}\n", style="bold", markup=False)
+    sides = " x ".join(str(n) for n in grid.shape)
+    lines = [
+        ("asked", f"{sides} voxels of {1e3 * grid.voxel:g} mm, {asked.words}"),
+        (
+            "reachable",
+            f"{summary.reachable:.4g} {unit}, with {100 * summary.mean_dexterity:.3g} % of the poses on average",
+        ),
+        ("dexterous", f"{summary.dexterous:.4g} {unit}, where every pose is reached"),
+    ]
+    if summary.reachable > 0.0:
+        low, high = summary.box
+        spans = ", ".join(f"{name} {a:.3f} to {b:.3f}" for name, a, b in zip("xyz", low, high, strict=True))
+        lines.append(("within", f"{spans} m"))
+        lines.append(("solutions", f"up to {summary.most_solutions} of a pose"))
+        if asked.measures:
+            lines.append(("best", f"manipulability {summary.manipulability:.4g}"))
+    if last is not None and last.poses:
+        lines.append(("took", f"{last.seconds:.2f} s, {last.rate / 1e6:.3g} million poses a second"))
+    for name, words in lines:
+        say(f"{name:10s} {words}", markup=False, soft_wrap=True)
