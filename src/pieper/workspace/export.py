@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pieper.atomic_file import replacing
 from pieper.errors import ArrayError, MissingExtraError
-from pieper.motion.files import replacing
 from pieper.workspace.boundary import boundary
 from pieper.workspace.measure import QUANTITIES
 

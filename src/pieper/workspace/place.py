@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pieper.atomic_file import replacing
 from pieper.errors import ArrayError
 from pieper.ik import redundancy
 from pieper.ik.solve import solver
 from pieper.ik.target import ignore_orientation
 from pieper.model.chain import Chain
-from pieper.motion.files import replacing
 from pieper.spatial._checks import poses as checked_poses
 from pieper.spatial.rotation import from_quaternion, from_rpy
 from pieper.workspace.grid import positive, whole
