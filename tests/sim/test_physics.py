@@ -91,6 +91,8 @@ def test_a_stop_at_any_moment_leaves_the_arm_at_rest_within_its_limits(name, sti
         assert robot.at_rest
         q = robot.read().q
         assert ((lower - LIMIT <= q) & (q <= upper + LIMIT)).all()
+        robot.step(0.5)  # what the brake asked for does not go on pulling
+        np.testing.assert_allclose(robot.read().q, robot.reference.q, atol=SAG)
 
 
 @settings(max_examples=25, deadline=None)

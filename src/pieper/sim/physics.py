@@ -425,6 +425,8 @@ class MujocoSimulator(Simulator):
                 self._samples = None
         elif self._wanted.any() or self._reference[1].any():
             self._reference = self._ramp()
+        elif self._reference[2].any():  # it has come to rest: nothing accelerates any more
+            self._reference = (self._reference[0], self._reference[1], np.zeros(self.chain.dof))
 
     def _ramp(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Towards the wanted velocity with the largest acceleration, slow enough to stop before the joint limits."""
