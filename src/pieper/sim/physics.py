@@ -348,6 +348,18 @@ class MujocoSimulator(Simulator):
         pairs = np.concatenate([self.model.geom_bodyid[self.data.contact.geom], self._unseen.near(self.data, 0.0)])
         return frozenset(self._names(pairs[self._is_arm[pairs].any(axis=1)]))
 
+    def overlaps(self, depth: float) -> list[tuple[str, str, float]]:
+        """Pairs of names of what is deeper than `depth` [m] in each other now, and how deep [m], the deepest first.
+
+        Physics throws such things apart.
+        """
+        found = []
+        for contact in self.data.contact:
+            if contact.dist < -depth:
+                ((one, other),) = self._names(self.model.geom_bodyid[contact.geom][None])
+                found.append((one, other, -float(contact.dist)))
+        return sorted(found, key=lambda row: -row[2])
+
     def blocked(self, q: ArrayLike, *, held: str | None = None, T_tip_held: FloatArray | None = None) -> str:
         """What the arm would touch at other joint values, in words; empty when nothing. Things stay where they are now.
 
