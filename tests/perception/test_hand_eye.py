@@ -34,7 +34,7 @@ def made_up(count: int, seed: int, camera_on: str = "hand", *, noise=(0.0, 0.0),
     """Camera, board, poses of the hand, and what the camera sees, with noise of position [m] and rotation [rad] in the board's frame."""
     rng = np.random.default_rng(seed)
     X = pose.from_position_rotation(rng.uniform(-0.2, 0.2, 3), rotation.from_rotation_vector(rng.normal(size=3)))
-    ahead = [*rng.uniform(-0.3, 0.3, 2), rng.uniform(0.8, 1.6)]  # of a camera that looks where it is when the hand is not turned
+    ahead = [*rng.uniform(-0.3, 0.3, 2), rng.uniform(0.8, 1.6)]  # of the camera
     Y = X @ pose.from_position_rotation(ahead, rotation.from_rotation_vector(rng.normal(size=3)))
     hands = pose.from_position_rotation(
         rng.uniform(-0.4, 0.4, (count, 3)), rotation.from_rotation_vector(turn * rng.normal(size=(count, 3)))

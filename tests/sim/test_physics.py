@@ -214,6 +214,17 @@ def world(*things, gripper=None, q=(0.0, -2.2, 1.2, -0.57, -np.pi / 2, 0.0)):
     return MujocoSimulator(pieper.load("ur5e"), q=list(q), scene=Scene(things), gripper=gripper)
 
 
+def test_physics_that_loses_its_way_says_so_and_leaves_no_file(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    arm = pieper.load("ur5e")
+    robot = MujocoSimulator(arm, scene=EMPTY, gripper=ParallelGripper(stroke=0.09, force=1e9, reach=0.16))
+    robot.gripper.close()
+    with pytest.raises(MotionError, match=r"the physics lost its way at .* forces that are far too large"):
+        robot.step(2.0)
+    assert not list(tmp_path.iterdir())
+    assert not capfd.readouterr().err
+
+
 def test_a_thing_at_rest_stays():
     robot = world(SceneObject("can", Cylinder(0.03, 0.12), at(0.6, 0.4, 0.06), mass=0.3))
     robot.step(3.0)

@@ -304,7 +304,11 @@ def _film(recording: Recording, path: Path, size: tuple[int, int]) -> None:
         job = bar.add_task("frames", total=len(recording.moments))
         count = recording.save(path, size=size, progress=lambda done, of: bar.update(job, completed=done, total=of))
     if recording.is_full:
-        console().print(f"{path} ends before the run does: a film has {count} frames at most; for all of it lower --fps or raise --speed", markup=False, soft_wrap=True)
+        console().print(
+            f"{path} ends before the run does: a film has {count} frames at most; for all of it lower --fps or raise --speed",
+            markup=False,
+            soft_wrap=True,
+        )
     console().print(f"wrote {path}  {size[0]} x {size[1]} pixels, {count} frames", markup=False, soft_wrap=True)
 
 

@@ -355,10 +355,15 @@ def _checked(
 
 def _plausible(hand: FloatArray, seen: FloatArray) -> None:
     """What fits together, and is still no hand and no camera: other units, and other conventions."""
-    for name, what, Ts, most in (("Ts_base_tcp", "hand", hand, _FARTHEST_HAND), ("Ts_camera_target", "board", seen, _FARTHEST_BOARD)):
+    for name, what, Ts, most in (
+        ("Ts_base_tcp", "hand", hand, _FARTHEST_HAND),
+        ("Ts_camera_target", "board", seen, _FARTHEST_BOARD),
+    ):
         far = float(np.median(np.linalg.norm(Ts[:, :3, 3], axis=1)))
         if far > most:
-            raise VisionError(f"{name}: the {what} is {far:.4g} m away; positions are metres, so divide by 1000 if these are millimetres")
+            raise VisionError(
+                f"{name}: the {what} is {far:.4g} m away; positions are metres, so divide by 1000 if these are millimetres"
+            )
     behind = int((seen[:, 2, 3] < 0.0).sum())
     if 2 * behind > len(seen):
         raise VisionError(
@@ -380,7 +385,9 @@ def _poses(values: ArrayLike, name: str) -> FloatArray:
             raise VisionError(f"{name}[{k}] must be finite, got NaN or infinity")
         away = float(abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max())
         if away <= 1e-4 and np.linalg.det(T[:3, :3]) < 0:
-            raise VisionError(f"{name}[{k}] is no pose: its axes are left-handed, as in a mirror; turn one of them round")
+            raise VisionError(
+                f"{name}[{k}] is no pose: its axes are left-handed, as in a mirror; turn one of them round"
+            )
         if away > 1e-4 or abs(T[3] - (0, 0, 0, 1)).max() > 1e-9:
             raise VisionError(
                 f"{name}[{k}] is no pose: its 3x3 block is {away:.2g} from a rotation, or its last row is not 0 0 0 1"

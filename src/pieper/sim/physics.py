@@ -129,6 +129,10 @@ class MujocoSimulator(Simulator):
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self._mujoco = mujoco
+        if (
+            mujoco.get_mju_user_warning() is None
+        ):  # MuJoCo would leave a MUJOCO_LOG.TXT in the working folder; `_tick` says it
+            mujoco.set_mju_user_warning(_heard)
         joints = [self.model.joint(axis_name(axis)) for axis in range(len(self.chain.screws))]
         self._q = np.array([int(joint.qposadr[0]) for joint in joints], dtype=np.intp)
         self._dq = np.array([int(joint.dofadr[0]) for joint in joints], dtype=np.intp)
@@ -481,10 +485,14 @@ class MujocoSimulator(Simulator):
         if any(self.data.warning[kind].number for kind in _LOST):
             raise MotionError(
                 f"the physics lost its way at {self.time:.3f} s: positions or accelerations without bounds; "
-                "try a smaller timestep, and look for things that begin inside each other"
+                "try a smaller timestep, and look for things that begin inside each other and for forces that are far too large"
             )
         for observe in self.observers:
             observe()
+
+
+def _heard(_: str) -> None:
+    """What MuJoCo warns of; read from its counters instead."""
 
 
 _LOST = (3, 4, 5)  # MuJoCo's warnings of bad positions, velocities and accelerations

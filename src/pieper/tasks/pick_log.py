@@ -110,7 +110,9 @@ class PickLog:
             or record["number"] != number
         ):
             if self._before and number > 1 and not line.endswith("}"):
-                raise PieperError(f"{self.path}: line {number}, the last one, is cut off; remove it, and the log goes on from there")
+                raise PieperError(
+                    f"{self.path}: line {number}, the last one, is cut off; remove it, and the log goes on from there"
+                )
             raise PieperError(
                 f"{self.path}: line {number} is not cycle {number} of a pick log; give another file, or remove this one"
             )
