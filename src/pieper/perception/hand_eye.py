@@ -299,7 +299,7 @@ def calibrate_hand_eye_from_views(
         if (now == used).all() or now.sum() < LEAST_POSES or _turns(A[now])[0][1] < LEAST_TURN:
             break
         used = now
-    _mostly_agree(used, labels)
+    _mostly_agree(used, labels, camera_on)
     left_out = tuple(
         f"{labels[k]}: {off[k]:.2f} px RMS off, where the others have {np.median(off[used]):.2f}"
         for k in np.flatnonzero(~used)
@@ -562,7 +562,7 @@ def _robust(
             f"{meant or f'is the camera on the {camera_on}, as was said, and is the tip of the arm the one whose poses were given?'}"
         )
     if last_word or used.sum() < LEAST_POSES:
-        _mostly_agree(used, labels)
+        _mostly_agree(used, labels, camera_on)
     turns, axes = _turns(A[used])
     _observable(turns, axes, camera_on)
     forms = {"pairs": _by_pairs, "product": _by_product, **_opencv_methods()}
@@ -595,13 +595,13 @@ def _robust(
     return X, Y, used, left_out, tuple(methods)
 
 
-def _mostly_agree(used: NDArray[np.bool_], labels: tuple[str, ...]) -> None:
+def _mostly_agree(used: NDArray[np.bool_], labels: tuple[str, ...], camera_on: CameraOn) -> None:
     out = len(used) - int(used.sum())
     if out > max(1, len(used) // 4) or used.sum() < LEAST_POSES:
         odd = ", ".join(labels[k] for k in np.flatnonzero(~used))
         raise VisionError(
             f"the poses contradict each other: {out} of {len(used)} would have to be left out ({odd}); did the board or the camera move, or "
-            "did the arm not stand still, and is the size of the board right?"
+            f"did the arm not stand still, is the size of the board right, and is the camera on the {camera_on}, as was said?"
         )
 
 
