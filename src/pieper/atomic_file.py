@@ -79,6 +79,30 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
             unfinished.unlink(missing_ok=True)
 
 
+def check_place(path: str | os.PathLike[str]) -> None:
+    """See that a file can be written there, before work begins that would be lost; nothing is left behind.
+
+    Raises
+    ------
+    OSError
+        As from `replacing`.
+    """
+    asked = Path(path)
+    if asked.is_dir():
+        raise IsADirectoryError(21, "is a folder, not a file", str(asked))
+    target = asked.resolve() if asked.is_symlink() else asked
+    if not target.parent.is_dir():
+        raise FileNotFoundError(2, "no such folder", str(target.parent))
+    mode = _mode(target)
+    if mode is not None and not stat.S_ISREG(mode):
+        return
+    try:
+        with tempfile.TemporaryFile(dir=target.parent):
+            pass
+    except OSError as error:
+        raise type(error)(error.errno, error.strerror, str(asked)) from error
+
+
 def write_bytes(path: str | os.PathLike[str], raw: bytes) -> None:
     """Write a file, whole or not at all; see `replacing`."""
     with replacing(path) as unfinished:

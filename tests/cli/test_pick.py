@@ -71,11 +71,17 @@ def test_what_is_not_placed_is_an_exit_code(capsys, monkeypatch):
         (["--task", "not there.yaml"], 2, "not there.yaml: No such file"),
         (["--record", "film.mp4", "--size", "wide"], 2, "--size must be width x height"),
         (["--record", "film.mp4", "--speed", "0"], 2, "speed must be a positive number"),
+        (["--record", "no folder/film.mp4"], 2, "no folder: no such folder"),
+        (["--record", "film.gif", "--fps", "80"], 2, "a GIF film shows at most 50 frames per second"),
+        (["--record", "film.mp4", "--size", "4x4"], 2, "size must be from 16 x 16 to 1920 x 1440 pixels"),
+        (["--log", "no folder/log.jsonl"], 2, "no folder: no such folder"),
     ],
 )
 def test_bad_input_is_said_before_anything_moves(capsys, typed, code, words):
     assert main(["pick", *typed]) == code
-    assert words in said(capsys)[1]
+    out, err = said(capsys)
+    assert words in err
+    assert "SUCCEEDED" not in out
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="screens are found by DISPLAY on Linux")
@@ -94,7 +100,15 @@ def test_a_task_is_written_changed_and_run(capsys, tmp_path):
     assert main(["pick", "--task", str(file), "--cycles", "1"]) == 0
     out, _ = said(capsys)
     assert "1 of 1 placed" in out
-    file.write_text(file.read_text().replace("mass: 0.4", "mass: heavy"))
+    log = str(tmp_path / "log.jsonl")
+    assert main(["pick", "--task", str(file), "--cycles", "1", "--quiet", "--log", log]) == 0
+    film = tmp_path / "film.gif"
+    assert main(["pick", "--task", str(file), "--cycles", "1", "--log", log, "--record", str(film)]) == 0
+    assert f"nothing to film: {film} is not written" in " ".join(said(capsys)[0].split())
+    file.write_text(file.read_text().replace("mass: 0.4", "mass: 0.5"))
+    assert main(["pick", "--task", str(file), "--cycles", "2", "--log", log]) == 2
+    assert "line 1 is of the task 'mine' as it was before it was changed" in said(capsys)[1]
+    file.write_text(file.read_text().replace("mass: 0.5", "mass: heavy"))
     assert main(["pick", "--task", str(file), "--log", str(file)]) == 2
     assert "it would be lost, so name another file" in said(capsys)[1]
     assert main(["pick", "--task", str(file), "--cycles", "1"]) == 2
@@ -142,4 +156,4 @@ def test_by_sight(capsys, tmp_path):
     assert lines[-1].startswith("1 of 1 placed")
     assert film.stat().st_size > 1000
     assert main(["pick", "--see", "--arm", "youbot"]) == 2
-    assert "no arm that picks by sight 'youbot'" in said(capsys)[1]
+    assert "no see-and-reach task 'youbot'; see-and-reach tasks are: kr210, ur10e" in said(capsys)[1]

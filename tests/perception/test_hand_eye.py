@@ -34,7 +34,8 @@ def made_up(count: int, seed: int, camera_on: str = "hand", *, noise=(0.0, 0.0),
     """Camera, board, poses of the hand, and what the camera sees, with noise of position [m] and rotation [rad] in the board's frame."""
     rng = np.random.default_rng(seed)
     X = pose.from_position_rotation(rng.uniform(-0.2, 0.2, 3), rotation.from_rotation_vector(rng.normal(size=3)))
-    Y = pose.from_position_rotation(rng.uniform(-1, 1, 3), rotation.from_rotation_vector(rng.normal(size=3)))
+    ahead = [*rng.uniform(-0.3, 0.3, 2), rng.uniform(0.8, 1.6)]  # of the camera
+    Y = X @ pose.from_position_rotation(ahead, rotation.from_rotation_vector(rng.normal(size=3)))
     hands = pose.from_position_rotation(
         rng.uniform(-0.4, 0.4, (count, 3)), rotation.from_rotation_vector(turn * rng.normal(size=(count, 3)))
     )
@@ -125,6 +126,10 @@ def test_what_is_missing_is_said():
     assert "missing" in report
 
 
+def in_millimetres(Ts):
+    return pose.from_position_rotation(1e3 * Ts[:, :3, 3], Ts[:, :3, :3])
+
+
 def bad(change):
     _, _, hands, seen = made_up(6, 7)
     return change(hands, seen)
@@ -138,11 +143,15 @@ def bad(change):
         (lambda h, s: (np.tile(h[0], (6, 1, 1)), np.tile(s[0], (6, 1, 1))), "the hand does not turn between the poses"),
         (lambda h, s: (pose.from_position_rotation(h[:, :3, 3], np.eye(3)), s), "shifts alone say nothing of where the camera is"),
         (lambda h, s: (np.where(np.arange(6)[:, None, None] == 2, np.nan, h), s), r"Ts_base_tcp\[2\] must be finite"),
+        (lambda h, s: (h @ np.diag([1, 1, -1, 1]), s), r"Ts_base_tcp\[0\] is no pose: its axes are left-handed"),
+        (lambda h, s: (in_millimetres(h), in_millimetres(s)), r"Ts_base_tcp: the hand is [345]\d\d(\.\d)? m away; .* if these are millimetres"),
+        (lambda h, s: (h, in_millimetres(s)), r"Ts_camera_target: the board is 1?\d\d\d(\.\d)? m away"),
+        (lambda h, s: (h, np.diag([1, -1, -1, 1]) @ s), r"the board is behind the camera in 6 of 6 poses.*OpenGL"),
         (lambda h, s: (h, s * 2.0), r"Ts_camera_target\[0\] is no pose"),
         (lambda h, s: (h[:, :3], s), r"Ts_base_tcp must have shape \(n, 4, 4\), got \(6, 3, 4\)"),
         (lambda h, s: (h, "seen"), r"Ts_camera_target must be numbers"),
-        (lambda h, s: (h, pose.inverse(s)), "with camera_on='cell', or with the inverse of Ts_camera_target, they agree"),
-        (lambda h, s: (pose.inverse(h), s), "with camera_on='cell', or"),
+        (lambda h, s: (h, pose.inverse(s)), "takes coordinates of the board into its frame, not back"),
+        (lambda h, s: (pose.inverse(h), s), "with camera_on='cell', or with the inverse of Ts_camera_target, they agree"),
     ],
 )  # fmt: skip
 def test_bad_input_is_refused_in_words(change, words):
@@ -163,7 +172,9 @@ def test_turns_about_one_axis_are_not_enough():
 def test_poses_of_which_half_contradict_are_refused():
     _, _, hands, seen = made_up(9, 9)
     seen[:4, :3, 3] += np.random.default_rng(0).normal(size=(4, 3)) * 0.02
-    with pytest.raises(VisionError, match="4 of 9 would have to be left out"):
+    with pytest.raises(
+        VisionError, match=r"4 of 9 would have to be left out.* and is the camera on the hand, as was said"
+    ):
         calibrate_hand_eye(hands, seen)
     with pytest.raises(UnknownNameError, match="camera_on"):
         calibrate_hand_eye(hands, seen, camera_on="foot")

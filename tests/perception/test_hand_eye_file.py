@@ -86,6 +86,10 @@ def test_joint_values_and_images(tmp_path):
         (f"{HAND},image\n0,0,0,0,0,0,2,a.png\n", "the quaternion qx qy qz qw must have length 1, got 2"),
         (f"{HAND}\n{EYE}\n", "line 2: needs an image or a T_camera_target, one of them"),
         (f"{HAND},image,{SEEN}\n{EYE},a.png,{EYE}\n", "line 2: needs an image or a T_camera_target, one of them"),
+        (
+            "q1,q2,q3,q4,q5,q6,image\n0,-68.8,80.2,-97.4,-85.9,17.2,a.png\n",
+            "line 2: joint 'shoulder_lift_joint' at -68.8 is outside its limits",
+        ),
         ("q1,image\n0.1,a.png\n", "ur5e has 6 joints, got 1 values"),
         ("q1,image\n\xff", "is no CSV file in UTF-8"),
     ],

@@ -91,6 +91,8 @@ def test_a_stop_at_any_moment_leaves_the_arm_at_rest_within_its_limits(name, sti
         assert robot.at_rest
         q = robot.read().q
         assert ((lower - LIMIT <= q) & (q <= upper + LIMIT)).all()
+        robot.step(0.5)  # what the brake asked for does not go on pulling
+        np.testing.assert_allclose(robot.read().q, robot.reference.q, atol=SAG)
 
 
 @settings(max_examples=25, deadline=None)
@@ -210,6 +212,17 @@ def test_what_is_refused_changes_nothing(call, error, words):
 
 def world(*things, gripper=None, q=(0.0, -2.2, 1.2, -0.57, -np.pi / 2, 0.0)):
     return MujocoSimulator(pieper.load("ur5e"), q=list(q), scene=Scene(things), gripper=gripper)
+
+
+def test_physics_that_loses_its_way_says_so_and_leaves_no_file(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    arm = pieper.load("ur5e")
+    robot = MujocoSimulator(arm, scene=EMPTY, gripper=ParallelGripper(stroke=0.09, force=1e9, reach=0.16))
+    robot.gripper.close()
+    with pytest.raises(MotionError, match=r"the physics lost its way at .* forces that are far too large"):
+        robot.step(2.0)
+    assert not list(tmp_path.iterdir())
+    assert not capfd.readouterr().err
 
 
 def test_a_thing_at_rest_stays():

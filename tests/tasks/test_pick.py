@@ -266,6 +266,13 @@ def test_slots_that_never_come_to_rest_are_an_error(kr210, monkeypatch):
         list(run.run(1))
 
 
+def test_things_that_begin_inside_each_other_are_an_error(kr210):
+    first = kr210.scene.object("can 1")
+    twice = replace(kr210, scene=kr210.scene.with_object(replace(first, name="can 2")))
+    with pytest.raises(PieperError, match=r"can 1 begins \d+ mm inside can 2: they need places of their own"):
+        next(PickAndPlace(twice).run(1))
+
+
 def test_the_arm_stops_when_it_touches_what_it_should_not(kr210):
     class Blind(DirectMover):
         pass
@@ -281,8 +288,9 @@ def test_the_arm_stops_when_it_touches_what_it_should_not(kr210):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"approach": -0.1}, "approach must be 0 or more"),
-        ({"lift": np.nan}, "lift must be 0 or more"),
+        ({"approach": -0.1}, "approach must be from 0 to 100, got -0.1"),
+        ({"lift": np.nan}, "lift must be from 0 to 100, got nan"),
+        ({"targets": ("can 1", "can 2", "can 1")}, "target 'can 1' is named twice"),
         ({"speed": 0.0}, "speed must be above 0"),
         ({"attempts": 0}, "attempts must be 1 or more"),
         ({"targets": ()}, "must name at least one"),
@@ -367,12 +375,21 @@ def test_a_log_goes_on_where_it_ends(kr210, tmp_path):
     assert again.done == [cycle]
     with pytest.raises(PieperError, match="with seed 5, not of 'kr210' with seed 6"):
         PickLog(file, "kr210", 6)
-    file.write_text(file.read_text() + '{"cut')
+    with pytest.raises(PieperError, match="as it was before it was changed, or with another planner"):
+        PickLog(file, "kr210", 5, version="another file")
+    whole = file.read_text()
+    file.write_text(whole + '{"cut')
+    with pytest.raises(PieperError, match="line 2, the last one, is cut off; remove it"):
+        PickLog(file, "kr210", 5)
+    file.write_text(whole + "{}\n")
     with pytest.raises(PieperError, match="line 2 is not cycle 2 of a pick log"):
         PickLog(file, "kr210", 5)
+    file.write_text(whole.rstrip("\n"))  # as some editors leave it
+    PickLog(file, "kr210", 5).add(cycle._replace(number=2), [])
+    assert [done.number for done in PickLog(file, "kr210", 5).done] == [1, 2]
 
 
-def test_C14_a_run_can_be_filmed(kr210, can_draw, tmp_path):
+def test_C14_a_run_can_be_filmed(kr210, can_draw, tmp_path, monkeypatch):
     from pieper.sim.scene_view import Recording
 
     run = PickAndPlace(kr210, seed=0)
@@ -389,4 +406,9 @@ def test_C14_a_run_can_be_filmed(kr210, can_draw, tmp_path):
     assert recording.moments[-1].caption == "KR210"
     with pytest.raises(ArrayError, match=r"a film must end in"):
         recording.save(tmp_path / "pick.avi")
+    monkeypatch.setattr("pieper.sim.film.MOST_FRAMES", count + 1)
+    assert not recording.is_full
+    run.robot.step(1.0)
+    assert len(recording.moments) == count + 1
+    assert recording.is_full
     assert cycle.placed

@@ -176,7 +176,7 @@ def test_places_are_apart_or_refused(task):
 
 
 def test_bad_input(task, calibration, colors):
-    with pytest.raises(UnknownNameError, match="no arm that picks by sight 'youbot'"):
+    with pytest.raises(UnknownNameError, match="no see-and-reach task 'youbot'"):
         see.see_task("youbot")
     blind = see.SeeAndPick(task, calibration=calibration, colors=colors)
     with pytest.raises(ArrayError, match="use it in a with statement"):

@@ -88,11 +88,11 @@ def pick(
     if write_task is not None:
         return _write_task(arm or "kr210", task_file, write_task)
     if record is not None:
-        film.check_format(record)
-    chosen_planner(planner)
+        film.check_ready(record, fps)
+    way = chosen_planner(planner)
     sight = _by_sight(arm, task_file, planner) if see else None
     wanted = _task(arm, task_file) if sight is None else sight.pick
-    kept = None if log is None else PickLog(log, wanted.name, seed)
+    kept = None if log is None else PickLog(log, wanted.name, seed, version=_version(arm, task_file, see, way))
     done: list[Cycle] = [] if kept is None else kept.done[:cycles]
     out = console()
     if done:
@@ -100,6 +100,8 @@ def pick(
             f"{len(done)} cycles are in {log} already, {sum(c.placed for c in done)} of them placed", markup=False
         )
     if len(done) >= cycles:
+        if record is not None:
+            out.print(f"nothing is left to do, and nothing to film: {record} is not written", markup=False)
         return _count(done)
     filmed: list[Recording] = []
     pages: list[PickView] = []
@@ -120,7 +122,7 @@ def pick(
     if not quiet and planner is None and run.planner == "direct":
         out.print("ways are straight ones; to search for them: pip install 'pieper[plan]'", markup=False)
     if record is not None:
-        filmed.append(_recording(run, fps, speed))
+        filmed.append(_recording(run, fps, speed, pixels))
     first = len(done) + 1
     with ExitStack() as undo, handled((signal.SIGINT, signal.SIGTERM), _canceller(run)):
         if isinstance(run, AbstractContextManager):
@@ -183,11 +185,24 @@ def _seeing(sight: SeeTask, seed: int, told: Callable[[Stage], None]) -> SeeAndP
     return SeeAndPick(sight, seed=seed, calibration=found, log=told)
 
 
-def _recording(run: PickAndPlace, fps: float, speed: float) -> Recording:
-    from pieper.sim.scene_view import Recording
+def _version(arm: str | None, file: Path | None, see: bool, planner: str) -> str:
+    """What the cycles of a log depend on besides the seed."""
+    from pieper.tasks.pick_tasks import task_file
+
+    if see:
+        return "see"
+    text = task_file(arm or "kr210") if file is None else file.read_bytes()
+    return f"{planner} {text.decode(errors='replace')}"
+
+
+def _recording(run: PickAndPlace, fps: float, speed: float, size: tuple[int, int]) -> Recording:
+    """What keeps the film; that it can be drawn is seen now, and not when all is over."""
+    from pieper.sim.scene_view import Recording, SceneView
     from pieper.tasks.see import SeeAndPick
     from pieper.tasks.see_film import SeeRecording
 
+    with SceneView(run.robot, size=size):
+        pass
     if isinstance(run, SeeAndPick):
         return SeeRecording(run, fps=fps, speed=speed)
     return Recording(run.robot, fps=fps, speed=speed)
@@ -288,6 +303,12 @@ def _film(recording: Recording, path: Path, size: tuple[int, int]) -> None:
     with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as bar:
         job = bar.add_task("frames", total=len(recording.moments))
         count = recording.save(path, size=size, progress=lambda done, of: bar.update(job, completed=done, total=of))
+    if recording.is_full:
+        console().print(
+            f"{path} ends before the run does: a film has {count} frames at most; for all of it lower --fps or raise --speed",
+            markup=False,
+            soft_wrap=True,
+        )
     console().print(f"wrote {path}  {size[0]} x {size[1]} pixels, {count} frames", markup=False, soft_wrap=True)
 
 

@@ -63,6 +63,7 @@ ENOUGH_POSES = 10
 _ODD = 3.0  # medians: for six Gaussian numbers, far beyond one in a million
 _NEVER_ODD_PIXELS = 0.3  # [px]
 _NEVER_ODD = 1e-7  # [m], with turns at the distance of the board; and below it nothing is odd
+_FARTHEST_HAND, _FARTHEST_BOARD = 100.0, 20.0  # [m] from base and camera: metres and millimetres are told apart by it
 _PLAIN = 0.01  # of the distance of the board: with less, nobody has to ask what was meant
 _FAR_OFF = 0.1  # of the distance of the board: more is no noise
 _SUBSETS, _SUBSET = 80, 4
@@ -218,7 +219,7 @@ def calibrate_hand_eye(
     Raises
     ------
     VisionError
-        Fewer than three poses, different numbers of both, something that is no pose; a hand that does not turn, or always about one axis; poses
+        Fewer than three poses, different numbers of both, something that is no pose, a board that is behind the camera; a hand that does not turn, or always about one axis; poses
         of which a third contradict each other.
 
     Notes
@@ -298,7 +299,7 @@ def calibrate_hand_eye_from_views(
         if (now == used).all() or now.sum() < LEAST_POSES or _turns(A[now])[0][1] < LEAST_TURN:
             break
         used = now
-    _mostly_agree(used, labels)
+    _mostly_agree(used, labels, camera_on)
     left_out = tuple(
         f"{labels[k]}: {off[k]:.2f} px RMS off, where the others have {np.median(off[used]):.2f}"
         for k in np.flatnonzero(~used)
@@ -348,7 +349,28 @@ def _checked(
         raise VisionError(f"there must be a name for every pose, got {len(labels)} names and {len(hand)} poses")
     if len(hand) < LEAST_POSES:
         raise VisionError(f"{LEAST_POSES} poses are needed, better {ENOUGH_POSES}, got {len(hand)}")
+    _plausible(hand, seen)
     return (hand if camera_on == "hand" else pose.inverse(hand)), seen, labels
+
+
+def _plausible(hand: FloatArray, seen: FloatArray) -> None:
+    """What fits together, and is still no hand and no camera: other units, and other conventions."""
+    for name, what, Ts, most in (
+        ("Ts_base_tcp", "hand", hand, _FARTHEST_HAND),
+        ("Ts_camera_target", "board", seen, _FARTHEST_BOARD),
+    ):
+        far = float(np.median(np.linalg.norm(Ts[:, :3, 3], axis=1)))
+        if far > most:
+            raise VisionError(
+                f"{name}: the {what} is {far:.4g} m away; positions are metres, so divide by 1000 if these are millimetres"
+            )
+    behind = int((seen[:, 2, 3] < 0.0).sum())
+    if 2 * behind > len(seen):
+        raise VisionError(
+            f"Ts_camera_target: the board is behind the camera in {behind} of {len(seen)} poses, and cannot be seen there; the camera has z ahead, "
+            "x right and y down, as in OpenCV (OpenGL's y and z are the other way round), and T_camera_target takes coordinates of the board "
+            "into its frame, not back"
+        )
 
 
 def _poses(values: ArrayLike, name: str) -> FloatArray:
@@ -362,7 +384,11 @@ def _poses(values: ArrayLike, name: str) -> FloatArray:
         if not np.isfinite(T).all():
             raise VisionError(f"{name}[{k}] must be finite, got NaN or infinity")
         away = float(abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max())
-        if away > 1e-4 or np.linalg.det(T[:3, :3]) < 0 or abs(T[3] - (0, 0, 0, 1)).max() > 1e-9:
+        if away <= 1e-4 and np.linalg.det(T[:3, :3]) < 0:
+            raise VisionError(
+                f"{name}[{k}] is no pose: its axes are left-handed, as in a mirror; turn one of them round"
+            )
+        if away > 1e-4 or abs(T[3] - (0, 0, 0, 1)).max() > 1e-9:
             raise VisionError(
                 f"{name}[{k}] is no pose: its 3x3 block is {away:.2g} from a rotation, or its last row is not 0 0 0 1"
             )
@@ -536,7 +562,7 @@ def _robust(
             f"{meant or f'is the camera on the {camera_on}, as was said, and is the tip of the arm the one whose poses were given?'}"
         )
     if last_word or used.sum() < LEAST_POSES:
-        _mostly_agree(used, labels)
+        _mostly_agree(used, labels, camera_on)
     turns, axes = _turns(A[used])
     _observable(turns, axes, camera_on)
     forms = {"pairs": _by_pairs, "product": _by_product, **_opencv_methods()}
@@ -569,13 +595,13 @@ def _robust(
     return X, Y, used, left_out, tuple(methods)
 
 
-def _mostly_agree(used: NDArray[np.bool_], labels: tuple[str, ...]) -> None:
+def _mostly_agree(used: NDArray[np.bool_], labels: tuple[str, ...], camera_on: CameraOn) -> None:
     out = len(used) - int(used.sum())
     if out > max(1, len(used) // 4) or used.sum() < LEAST_POSES:
         odd = ", ".join(labels[k] for k in np.flatnonzero(~used))
         raise VisionError(
             f"the poses contradict each other: {out} of {len(used)} would have to be left out ({odd}); did the board or the camera move, or "
-            "did the arm not stand still, and is the size of the board right?"
+            f"did the arm not stand still, is the size of the board right, and is the camera on the {camera_on}, as was said?"
         )
 
 

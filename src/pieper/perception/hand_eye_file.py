@@ -46,6 +46,7 @@ FORMAT = "pieper hand-eye 1"
 
 _HAND = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _SEEN = tuple(f"camera_{name}" for name in _HAND)
+_BEYOND = 0.1  # [rad or m] how far beyond its limits a real arm may say that it is
 _ROUGH = 1e-3  # how far a typed quaternion's length may be from 1
 
 
@@ -109,6 +110,7 @@ def read_captures(path: str | Path, arm: Arm | None = None) -> Captures:
         if row.q is not None and arm is not None:
             if len(row.q) != arm.dof:
                 raise VisionError(f"{row.where}: {arm.name} has {arm.dof} joints, got {len(row.q)} values")
+            _within_limits(row, arm)
             hands.append(arm.fk(row.q))
         else:
             hands.append(np.asarray(row.T_base_tcp))
@@ -226,6 +228,14 @@ class _Row:
     T_base_tcp: FloatArray | None
     T_camera_target: FloatArray | None
     image: str
+
+
+def _within_limits(row: _Row, arm: Arm) -> None:
+    for name, value, (low, high) in zip(arm.joint_names, np.asarray(row.q), arm.limits, strict=True):
+        if not low - _BEYOND <= value <= high + _BEYOND:
+            raise VisionError(
+                f"{row.where}: joint {name!r} at {value:g} is outside its limits [{low:.6g}, {high:.6g}]; joint values are rad or m, not degrees"
+            )
 
 
 def _file(path: Path) -> Path:

@@ -107,7 +107,7 @@ def commands(mode: str, arm: str, *, ends: Sequence[str] = (), options: Sequence
     Parameters
     ----------
     mode : str
-        One of :data:`MODES`.
+        One of `MODES`.
     arm : str
         As on the command line: a built-in robot or a file.
     ends : sequence of str

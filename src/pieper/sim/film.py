@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pieper.atomic_file import replacing
+from pieper.atomic_file import check_place, replacing
 from pieper.errors import ArrayError, MissingExtraError, PieperError
 from pieper.sim.offscreen import import_pillow
 
@@ -106,8 +106,8 @@ def save(
         raise ArrayError("a film needs an arm with a trajectory that takes time; for a still picture see Picture.save")
     rate = (20.0 if suffix == ".gif" else 30.0) if fps is None else fps
     times = frame_times(picture.duration, fps=rate, speed=speed, hold=hold)
-    if suffix == ".gif" and rate > _GIF_FASTEST:
-        raise ArrayError(f"a GIF film shows at most {_GIF_FASTEST:g} frames per second, got fps = {rate:g}")
+    if suffix == ".gif":
+        _check_gif(rate)
     save_images(picture.images(times), path, count=len(times), fps=rate, size=picture.stage.size, progress=progress)
     return len(times)
 
@@ -124,6 +124,27 @@ def check_format(path: str | os.PathLike[str]) -> str:
     if suffix not in FORMATS:
         raise ArrayError(f"a film must end in {' or '.join(FORMATS)}, got {str(path)!r}")
     return suffix
+
+
+def check_ready(path: str | os.PathLike[str], fps: float) -> None:
+    """See that a film can be written there, before what it shows begins.
+
+    Raises
+    ------
+    ArrayError, MissingExtraError, OSError
+        As from `save`.
+    """
+    if check_format(path) == ".gif":
+        import_pillow()
+        _check_gif(fps)
+    else:
+        _ffmpeg()
+    check_place(path)
+
+
+def _check_gif(fps: float) -> None:
+    if fps > _GIF_FASTEST:
+        raise ArrayError(f"a GIF film shows at most {_GIF_FASTEST:g} frames per second, got fps = {fps:g}")
 
 
 def save_images(

@@ -129,6 +129,10 @@ class MujocoSimulator(Simulator):
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self._mujoco = mujoco
+        if (
+            mujoco.get_mju_user_warning() is None
+        ):  # MuJoCo would leave a MUJOCO_LOG.TXT in the working folder; `_tick` says it
+            mujoco.set_mju_user_warning(_heard)
         joints = [self.model.joint(axis_name(axis)) for axis in range(len(self.chain.screws))]
         self._q = np.array([int(joint.qposadr[0]) for joint in joints], dtype=np.intp)
         self._dq = np.array([int(joint.dofadr[0]) for joint in joints], dtype=np.intp)
@@ -348,6 +352,18 @@ class MujocoSimulator(Simulator):
         pairs = np.concatenate([self.model.geom_bodyid[self.data.contact.geom], self._unseen.near(self.data, 0.0)])
         return frozenset(self._names(pairs[self._is_arm[pairs].any(axis=1)]))
 
+    def overlaps(self, depth: float) -> list[tuple[str, str, float]]:
+        """Pairs of names of what is deeper than `depth` [m] in each other now, and how deep [m], the deepest first.
+
+        Physics throws such things apart.
+        """
+        found = []
+        for contact in self.data.contact:
+            if contact.dist < -depth:
+                ((one, other),) = self._names(self.model.geom_bodyid[contact.geom][None])
+                found.append((one, other, -float(contact.dist)))
+        return sorted(found, key=lambda row: -row[2])
+
     def blocked(self, q: ArrayLike, *, held: str | None = None, T_tip_held: FloatArray | None = None) -> str:
         """What the arm would touch at other joint values, in words; empty when nothing. Things stay where they are now.
 
@@ -425,6 +441,8 @@ class MujocoSimulator(Simulator):
                 self._samples = None
         elif self._wanted.any() or self._reference[1].any():
             self._reference = self._ramp()
+        elif self._reference[2].any():  # it has come to rest: nothing accelerates any more
+            self._reference = (self._reference[0], self._reference[1], np.zeros(self.chain.dof))
 
     def _ramp(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Towards the wanted velocity with the largest acceleration, slow enough to stop before the joint limits."""
@@ -467,10 +485,14 @@ class MujocoSimulator(Simulator):
         if any(self.data.warning[kind].number for kind in _LOST):
             raise MotionError(
                 f"the physics lost its way at {self.time:.3f} s: positions or accelerations without bounds; "
-                "try a smaller timestep, and look for things that begin inside each other"
+                "try a smaller timestep, and look for things that begin inside each other and for forces that are far too large"
             )
         for observe in self.observers:
             observe()
+
+
+def _heard(_: str) -> None:
+    """What MuJoCo warns of; read from its counters instead."""
 
 
 _LOST = (3, 4, 5)  # MuJoCo's warnings of bad positions, velocities and accelerations

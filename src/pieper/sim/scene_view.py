@@ -156,6 +156,8 @@ class Recording:
     caption : str
         Written into the frames from now on.
     moments : list of Moment
+    is_full : bool
+        Whether there was more to keep than a film may have.
     """
 
     def __init__(self, robot: MujocoSimulator, *, fps: float = 25.0, speed: float = 1.0) -> None:
@@ -165,11 +167,15 @@ class Recording:
         self.robot, self.fps, self._period = robot, fps, speed / fps
         self.caption = ""
         self.moments: list[Moment] = []
+        self.is_full = False
         self._next = robot.time
         robot.observers.append(self._observe)
 
     def _observe(self) -> None:
-        if self.robot.time >= self._next - 1e-9 and len(self.moments) < film.MOST_FRAMES:
+        if self.robot.time >= self._next - 1e-9:
+            if len(self.moments) >= film.MOST_FRAMES:
+                self.is_full = True
+                return
             self.moments.append(Moment(self.robot.data.qpos.copy(), self.caption))
             self._next += self._period
 
@@ -185,7 +191,7 @@ class Recording:
         """Write a film, ``.mp4`` or ``.gif``; returns the number of frames. Errors as from `pieper.sim.film.save`."""
         if not self.moments:
             raise ArrayError("nothing was recorded: let time pass first")
-        film.check_format(path)
+        film.check_ready(path, self.fps)
         with SceneView(self.robot, camera, size=size, smooth=smooth) as view:
             film.save_images(
                 self._images(view), path, count=len(self.moments), fps=self.fps, size=size, progress=progress

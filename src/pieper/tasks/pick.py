@@ -51,6 +51,8 @@ PATIENCE = 8.0
 MOST_TILT = float(np.radians(15.0))
 """How far a thing may lean and still be gripped [rad]."""
 
+_FARTHEST = 100.0  # [m] of distances of a task: what is more is no room
+_INSIDE = 0.002  # [m] deeper than things rest on each other
 _GUARDED_EVERY = 5  # time steps between looks at what touches what
 _LOOSE = 0.02  # [m] how far from its place in the hand a thing may be
 _STILL = 0.02  # [m/s]
@@ -162,8 +164,8 @@ class PickTask:
         for name in ("T_object_grasp", "T_world_drop"):
             object.__setattr__(self, name, pose(getattr(self, name), name))
         for name in ("approach", "clearance", "lift", "drop_step", "position_noise", "yaw_noise"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
-                raise ArrayError(f"{name} must be 0 or more and finite, got {getattr(self, name)}")
+            if not 0.0 <= getattr(self, name) <= _FARTHEST:
+                raise ArrayError(f"{name} must be from 0 to {_FARTHEST:g}, got {getattr(self, name):.6g}")
         if not 0.0 < self.speed <= 1.0:
             raise ArrayError(f"speed must be above 0 and at most 1, got {self.speed}")
         if self.attempts < 1:
@@ -171,6 +173,8 @@ class PickTask:
         if not self.targets:
             raise ArrayError("targets must name at least one thing of the scene")
         for target in self.targets:
+            if self.targets.count(target) > 1:
+                raise ArrayError(f"target {target!r} is named twice; once it is in the bin it is not picked again")
             if not self.scene.object(target).moves:
                 raise ArrayError(f"target {target!r} is fixed; give it a mass")
 
@@ -399,6 +403,10 @@ class PickAndPlace:
             x, y = rng.uniform(-self.task.position_noise, self.task.position_noise, 2)
             yaw = rng.uniform(-self.task.yaw_noise, self.task.yaw_noise)
             self.robot.put(name, at(x, y, 0.0) @ T @ at(0.0, 0.0, 0.0, yaw=yaw))
+        inside = self.robot.overlaps(_INSIDE)
+        if inside:
+            one, other, depth = inside[0]
+            raise _FailedError(f"{one} begins {1e3 * depth:.0f} mm inside {other}: they need places of their own")
         self._wait(
             lambda: max(map(self.robot.speed, self.task.targets)) < _STILL,
             "the things in their slots do not come to rest",

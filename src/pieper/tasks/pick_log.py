@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pieper.atomic_file import check_place
 from pieper.errors import PieperError
 
 if TYPE_CHECKING:
@@ -24,6 +26,8 @@ class PickLog:
     task : str
         Name of the task.
     seed : int
+    version : str
+        What else the cycles depend on, such as the text of the task's file and the planner; only its checksum is written.
 
     Attributes
     ----------
@@ -33,22 +37,27 @@ class PickLog:
     Raises
     ------
     PieperError
-        The file holds something else, or cycles of another task or seed.
+        The file holds something else, or cycles of another task, version or seed.
     OSError
-        It cannot be read.
+        It cannot be read, or not be written.
     """
 
-    def __init__(self, path: str | os.PathLike[str], task: str, seed: int) -> None:
+    def __init__(self, path: str | os.PathLike[str], task: str, seed: int, *, version: str = "") -> None:
         self.path, self.task, self.seed = Path(path), task, seed
+        self.version = hashlib.sha256(version.encode()).hexdigest()[:16]
         self.done: list[Cycle] = []
+        self._before = ""
         if self.path.exists():
             self._read()
+        else:
+            check_place(self.path)
 
     def add(self, cycle: Cycle, stages: list[Stage]) -> None:
         """Write a cycle with its stages."""
         record = {
             "task": self.task,
             "seed": self.seed,
+            "version": self.version,
             **cycle._asdict(),
             "stages": [
                 {"name": s.name, "outcome": s.outcome, "reason": s.reason, "start": s.start, "end": s.end}
@@ -56,14 +65,22 @@ class PickLog:
             ],
         }
         with self.path.open("a", encoding="utf-8") as lines:
-            lines.write(json.dumps(record) + "\n")
+            lines.write(self._before + json.dumps(record) + "\n")
+        self._before = ""
 
     def _read(self) -> None:
         from pieper.tasks.pick import Cycle
 
         whole = self.path.read_text(encoding="utf-8", errors="replace")
+        if whole and not whole.endswith("\n"):
+            self._before = "\n"
         for number, line in enumerate(whole.splitlines(), start=1):
             record = self._record(line, number)
+            if record.get("version") != self.version and record["task"] == self.task:
+                raise PieperError(
+                    f"{self.path}: line {number} is of the task {self.task!r} as it was before it was changed, or with another planner; give "
+                    "another file"
+                )
             if (record["task"], record["seed"]) != (self.task, self.seed):
                 raise PieperError(
                     f"{self.path}: line {number} is of task {record['task']!r} with seed {record['seed']!r}, not of {self.task!r} with seed "
@@ -92,6 +109,10 @@ class PickLog:
             or not all(isinstance(record[key], kind) for key, kind in wanted.items())
             or record["number"] != number
         ):
+            if self._before and number > 1 and not line.endswith("}"):
+                raise PieperError(
+                    f"{self.path}: line {number}, the last one, is cut off; remove it, and the log goes on from there"
+                )
             raise PieperError(
                 f"{self.path}: line {number} is not cycle {number} of a pick log; give another file, or remove this one"
             )

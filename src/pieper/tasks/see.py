@@ -130,7 +130,7 @@ def see_task(name: str = "kr210") -> SeeTask:
     """
     tasks: dict[str, Callable[[], SeeTask]] = {"kr210": _kr210, "ur10e": _ur10e}
     if name.lower() not in tasks:
-        raise unknown_name("arm that picks by sight", name, tasks)
+        raise unknown_name("see-and-reach task", name, tasks)
     return tasks[name.lower()]()
 
 
