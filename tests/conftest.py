@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 
@@ -10,6 +11,8 @@ from hypothesis import settings
 
 from pieper._native import kernels
 from pieper.errors import MissingExtraError, MissingLibraryError
+
+FORCED = os.environ.get("PIEPER_INSTRUCTION_SET")
 
 # No test depends on time: the first example of a run may import a package, and machines of others are slower.
 settings.register_profile("pieper", deadline=None)
@@ -20,9 +23,9 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_threa
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-@pytest.fixture(params=kernels.instruction_sets())
+@pytest.fixture(params=[FORCED] if FORCED else kernels.instruction_sets())
 def instruction_set(request):
-    """Every instruction set that this processor has, in turn."""
+    """Every instruction set that this processor has, in turn; the one that PIEPER_INSTRUCTION_SET names, where it does."""
     before = kernels.instruction_set()
     kernels.use_instruction_set(request.param)
     yield request.param
