@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 from pathlib import Path
 
@@ -15,6 +16,17 @@ nox.options.sessions = ["format", "lint", "types", "imports", "tests", "docs", "
 PROJECT = nox.project.load_toml("pyproject.toml")
 OLDEST_PYTHON = "3.10"
 NEWEST_PYTHON = "3.14"
+EXTRAS = tuple(PROJECT["project"]["optional-dependencies"])
+# Ends with 1 unless `pieper doctor` finds the core and these extras whole.
+ARE_WHOLE = """
+import json, subprocess, sys
+said = subprocess.run(["pieper", "doctor", "--json"], stdout=subprocess.PIPE, check=True).stdout
+checks = {check["name"]: check for check in json.loads(said)["checks"]}
+wanted = [name for name, check in checks.items() if check["extra"]] if sys.argv[1] == "all" else [sys.argv[1]]
+for name in ["core", *wanted]:
+    print(name, checks[name]["state"], checks[name]["found"])
+sys.exit(any(checks[name]["state"] != "ok" for name in ["core", *wanted]))
+"""
 # The tests compare with its figures; what it asks for besides would overwrite opencv-python-headless.
 TRACKEVAL = "trackeval==1.3.0"
 
@@ -99,9 +111,42 @@ def examples(session: nox.Session) -> None:
 
 @nox.session
 def native(session: nox.Session) -> None:
-    """Build and run the tests of the C++ library, without Python."""
+    """Build and run the tests of the C++ library, without Python, with vectors and on the portable path."""
     session.install(*groups("build"))
-    session.run("bash", "-c", "source scripts/setup.sh && native_tests", external=True)
+    session.run("bash", "-c", "source scripts/setup.sh && native_tests && portable_tests", external=True)
+
+
+@nox.session
+def variants(session: nox.Session) -> None:
+    """Build with GCC and Clang, vectors and portable, test with every instruction set, compare answers; `-- --answers` is short."""
+    session.install(*groups("build", "test"), "numpy", "scipy", "defusedxml", "typer", "rich")
+    session.run("python", "scripts/variants.py", *session.posargs)
+
+
+@nox.session
+@nox.parametrize("extra", EXTRAS)
+def extras(session: nox.Session, extra: str) -> None:
+    """Install one extra into an environment of its own, or all together, and ask `pieper doctor` about them."""
+    install_pieper(session, extra=f"[{extra}]")
+    session.run("python", "-m", "pip", "check")
+    session.run("python", "-c", ARE_WHOLE, extra)
+
+
+@nox.session
+def dist(session: nox.Session) -> None:
+    """Build the source archive, and from it a wheel; look at both, and get a first answer from the wheel."""
+    session.install("build", "twine", "check-wheel-contents", "abi3audit")
+    folder = Path("build/dist").resolve()
+    shutil.rmtree(folder, ignore_errors=True)
+    session.run("python", "-m", "build", "--outdir", str(folder))
+    (wheel,) = folder.glob("*.whl")
+    session.run("twine", "check", "--strict", *map(str, folder.iterdir()))
+    session.run("check-wheel-contents", str(wheel))
+    if "abi3" in wheel.name:
+        session.run("abi3audit", "--strict", str(wheel))
+    session.install("--force-reinstall", str(wheel))
+    with session.chdir(folder):  # the wheel, not the clone
+        session.run("pieper", "ik", "ur5e", "0.4", "0.2", "0.3", "--rpy", "180", "0", "0", "--deg")
 
 
 @nox.session

@@ -202,7 +202,7 @@ def ffmpeg() -> Finding:
     try:
         program = str(import_module("imageio_ffmpeg").get_ffmpeg_exe())
     except ModuleNotFoundError:
-        raise MissingExtraError("imageio-ffmpeg", "sim", "writing an MP4 film") from None
+        return Finding(MISSING, "imageio-ffmpeg, which brings it, is not installed", "pip install 'pieper[sim]'")
     except RuntimeError as error:
         return Finding(BROKEN, _words(error), "install FFmpeg and set IMAGEIO_FFMPEG_EXE to it")
     said = subprocess.run([program, "-version"], capture_output=True, text=True, check=True, timeout=15)
