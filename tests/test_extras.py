@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import pytest
 from packaging.requirements import Requirement
 
-from pieper.cli.probes import EXTRAS
+from pieper.cli.probes import EXTRAS, is_wanted
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "pieper"
@@ -48,15 +48,13 @@ def test_all_is_all() -> None:
 
 def test_one_package_is_wanted_alike_everywhere() -> None:
     """Else all extras together might not resolve, and an extra would not be what the tests ran with."""
-    lines = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    groups = {Requirement(line).name: line for line in re.findall(r'"((?:viser|mujoco|coal|ompl|ruckig|rosbags)==[^"]+)"', lines)}
-    for extra in requirements().values():
-        for requirement in extra:
-            if requirement.name in groups:
-                assert str(requirement) == groups[requirement.name]
+    group = (ROOT / "pyproject.toml").read_text(encoding="utf-8").partition("\ntest = [")[2].partition("\n]")[0]
+    tested = {Requirement(line).name: Requirement(line) for line in re.findall(r'"([^"]+)"', group)}
     wanted: dict[str, set[str]] = {}
-    for requirement in (r for extra in requirements().values() for r in extra):
-        wanted.setdefault(requirement.name, set()).add(str(requirement.specifier))
+    for requirement in (r for name, extra in requirements().items() if name != "all" for r in extra):
+        wanted.setdefault(requirement.name, set()).add(str(requirement))
+        if "==" in str(requirement.specifier):
+            assert str(tested[requirement.name]) == str(requirement)
     assert all(len(versions) == 1 for versions in wanted.values()), wanted
 
 
@@ -64,6 +62,23 @@ def test_doctor_knows_every_extra_and_its_packages() -> None:
     assert {name: set(extra.packages) for name, extra in EXTRAS.items()} == {
         name: names(name) for name in requirements() if name != "all"
     }
+
+
+MACHINES = [
+    {"python_version": f"3.{minor}", "platform_system": system, "platform_machine": machine, "extra": ""}
+    for minor in range(10, 15)
+    for system, machine in (
+        ("Linux", "x86_64"), ("Linux", "aarch64"), ("Darwin", "x86_64"), ("Darwin", "arm64"), ("Windows", "AMD64"),
+    )
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: "-".join(machine.values()))
+def test_doctor_knows_where_a_package_cannot_be_had(machine: dict[str, str]) -> None:
+    version = tuple(map(int, machine["python_version"].split(".")))
+    for requirement in (r for extra in requirements().values() for r in extra):
+        wanted = requirement.marker is None or requirement.marker.evaluate(machine)
+        assert is_wanted(requirement.name, version, machine["platform_system"], machine["platform_machine"]) == wanted
 
 
 # --- every place that complains

@@ -174,11 +174,8 @@ def test_a_broken_numpy_is_told_and_is_code_4(tmp_path) -> None:
 
 @pytest.mark.parametrize("name", EXTRAS)
 def test_an_extra_that_is_not_there_names_itself(monkeypatch, name) -> None:
-    def nothing(package: str) -> str:
-        raise metadata.PackageNotFoundError(package)
-
-    monkeypatch.setattr(probes.metadata, "version", nothing)
-    monkeypatch.setattr(probes, "has_wheel_of_cyclonedds", lambda: True)
+    monkeypatch.setattr(probes.metadata, "version", _no_version)
+    monkeypatch.setattr(probes, "is_wanted", lambda package: True)
     for module in EXTRAS[name].packages.values():
         for loaded in [m for m in sys.modules if f"{m}.".startswith(f"{module.partition('.')[0]}.")]:
             monkeypatch.setitem(sys.modules, loaded, None)
@@ -260,27 +257,14 @@ def test_screens(monkeypatch, variables, state) -> None:
     assert probes.examine("screen").state == state
 
 
-@pytest.mark.parametrize(
-    ("version", "system", "machine", "expected"),
-    [
-        ((3, 12), "Linux", "x86_64", True),
-        ((3, 13), "Windows", "AMD64", True),
-        ((3, 13), "Darwin", "arm64", True),
-        ((3, 12), "Linux", "aarch64", False),
-        ((3, 14), "Linux", "x86_64", False),
-    ],
-)
-def test_wheels_of_cyclonedds_are_those_of_the_requirement(version, system, machine, expected) -> None:
-    from packaging.requirements import Requirement
+def test_what_cannot_be_had_here_says_what_to_take_instead(monkeypatch) -> None:
+    monkeypatch.setattr(probes, "is_wanted", lambda package: package != "ompl")
+    monkeypatch.setitem(EXTRAS, "plan", probes.Extra("", {"ompl": "no_module_of_this_name"}))
+    monkeypatch.setattr(probes.metadata, "version", _no_version)
+    finding = probes.examine("plan")
+    assert (finding.state, finding.found) == (MISSING, "no ompl")
+    assert "no package of ompl for this Python on this machine; take Python 3.10 to 3.13" in finding.advice
 
-    lines = (Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8").splitlines()
-    (line,) = {line.strip().strip(',"') for line in lines if line.strip().startswith('"cyclonedds')}
-    marker = Requirement(line).marker
-    assert marker is not None
-    environment = {
-        "python_version": f"{version[0]}.{version[1]}",
-        "platform_machine": machine,
-        "platform_system": system,
-    }
-    assert marker.evaluate(environment) == expected
-    assert probes.has_wheel_of_cyclonedds(version, system, machine) == expected
+
+def _no_version(package: str) -> str:
+    raise metadata.PackageNotFoundError(package)

@@ -107,19 +107,37 @@ def extra(name: str) -> Finding:
         return Finding(BROKEN, "; ".join(broken), f"{advice} --upgrade --force-reinstall")
     if not missing:
         return Finding(OK, ", ".join(found))
-    if missing == ["cyclonedds"] and not has_wheel_of_cyclonedds():
-        advice = "no wheel of cyclonedds fits this machine: source a ROS 2 installation (rclpy), or build cyclonedds"
+    if nowhere := [package for package in missing if not is_wanted(package)]:
+        advice = f"there is no package of {' and '.join(nowhere)} for this Python on this machine; {_INSTEAD[nowhere[0]]}"
     return Finding(MISSING, ", ".join([*found, *(f"no {package}" for package in missing)]), advice)
 
 
-def has_wheel_of_cyclonedds(
+_INSTEAD = {
+    "cyclonedds": "source a ROS 2 installation, whose rclpy is taken then, or build cyclonedds",
+    "mujoco": "take Python 3.11 or later",
+    "coal": "take Linux or macOS",
+    "ompl": "take Python 3.10 to 3.13 on Linux or macOS",
+}
+
+
+def is_wanted(
+    package: str,
     version: tuple[int, ...] = sys.version_info[:2],
     system: str = platform.system(),
     machine: str = platform.machine(),
 ) -> bool:
-    """As in the requirements of the extra ``ros``."""
-    known = machine in ("x86_64", "AMD64") or (system, machine) == ("Darwin", "arm64")
-    return known and version < (3, 14)
+    """Whether the extras bring a package here, as the markers of their requirements say: elsewhere there is none to be had.
+
+    >>> is_wanted("ompl", (3, 14), "Linux", "x86_64"), is_wanted("ruckig", (3, 14), "Linux", "x86_64")
+    (False, True)
+    """
+    if package == "cyclonedds":
+        return version < (3, 14) and (machine in ("x86_64", "AMD64") or (system, machine) == ("Darwin", "arm64"))
+    if package == "ompl":
+        return version < (3, 14) and system != "Windows"
+    if package == "coal":
+        return system != "Windows"
+    return package != "mujoco" or version >= (3, 11)
 
 
 def ros() -> Finding:
