@@ -20,7 +20,7 @@ EXTRAS = tuple(PROJECT["project"]["optional-dependencies"])
 # Ends with 1 unless `pieper doctor` finds the core and these extras whole.
 ARE_WHOLE = """
 import json, subprocess, sys
-said = subprocess.run(["pieper", "doctor", "--json"], stdout=subprocess.PIPE, check=True).stdout
+said = subprocess.run([sys.executable, "-m", "pieper", "doctor", "--json"], stdout=subprocess.PIPE, check=True).stdout
 checks = {check["name"]: check for check in json.loads(said)["checks"]}
 wanted = [name for name, check in checks.items() if check["extra"]] if sys.argv[1] == "all" else [sys.argv[1]]
 for name in ["core", *wanted]:
@@ -124,12 +124,19 @@ def variants(session: nox.Session) -> None:
 
 
 @nox.session
-@nox.parametrize("extra", EXTRAS)
-def extras(session: nox.Session, extra: str) -> None:
-    """Install one extra into an environment of its own, or all together, and ask `pieper doctor` about them."""
-    install_pieper(session, extra=f"[{extra}]")
-    session.run("python", "-m", "pip", "check")
-    session.run("python", "-c", ARE_WHOLE, extra)
+def extras(session: nox.Session) -> None:
+    """Install each extra, and all of them, into an environment of its own, and ask `pieper doctor`; `-- viewer sim` for some."""
+    session.install(*groups("build"))
+    folder = Path("build/extras").resolve()
+    shutil.rmtree(folder, ignore_errors=True)
+    session.run("python", "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "-w", str(folder), ".")
+    (wheel,) = folder.glob("*.whl")
+    for extra in session.posargs or EXTRAS:
+        session.run("python", "-m", "venv", str(folder / extra))
+        python = str(folder / extra / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python"))
+        session.run(python, "-m", "pip", "install", "-q", f"pieper[{extra}] @ {wheel.as_uri()}", external=True)
+        session.run(python, "-m", "pip", "check", external=True)
+        session.run(python, "-c", ARE_WHOLE, extra, external=True)
 
 
 @nox.session
