@@ -38,7 +38,8 @@ IN_THE_ARCHIVE = ("LICENSE", "README.md", "pyproject.toml", "CMakeLists.txt", "n
 
 def complaints(folder: Path, tag: str = "") -> list[str]:
     """What is wrong with the files in a folder; empty when nothing is."""
-    version = (ROOT / "src/pieper/_version.py").read_text(encoding="utf-8").split('"')[1]
+    text = (ROOT / "src/pieper/_version.py").read_text(encoding="utf-8")
+    (version,) = re.findall(r'^__version__ = "([^"]+)"$', text, re.MULTILINE)
     names = {path.name for path in folder.iterdir()}
     wrong = [] if not tag or tag == f"v{version}" else [f"the tag is {tag}, and the version {version}"]
     for python in PYTHONS:
