@@ -33,7 +33,15 @@ IN_A_WHEEL = (
     "pieper-{version}.dist-info/licenses/LICENSE",
     "pieper-{version}.dist-info/entry_points.txt",
 )
-IN_THE_ARCHIVE = ("LICENSE", "README.md", "pyproject.toml", "CMakeLists.txt", "native/CMakeLists.txt", "PKG-INFO", "tests/robots.py")
+IN_THE_ARCHIVE = (
+    "LICENSE",
+    "README.md",
+    "pyproject.toml",
+    "CMakeLists.txt",
+    "native/CMakeLists.txt",
+    "PKG-INFO",
+    "tests/robots.py",
+)
 
 
 def complaints(folder: Path, tag: str = "") -> list[str]:

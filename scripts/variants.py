@@ -69,11 +69,9 @@ class Variant(NamedTuple):
         site = BUILD / self.name / "site"
         shutil.rmtree(site, ignore_errors=True)
         settings = [f"-Ccmake.define.{key}={value}" for key, value in self.settings.items()]
-        run(
-            [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--target", str(site)]
-            + [f"-Cbuild-dir={BUILD / self.name / 'wheel'}", *settings, str(ROOT)],
-            self.environment,
-        )
+        pip = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation"]
+        folders = ["--target", str(site), f"-Cbuild-dir={BUILD / self.name / 'wheel'}"]
+        run([*pip, *folders, *settings, str(ROOT)], self.environment)
 
     def native_tests(self) -> None:
         """Those of the C++ library; each goes through every instruction set."""

@@ -26,9 +26,15 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_threa
 @pytest.fixture(params=[FORCED] if FORCED else kernels.instruction_sets())
 def instruction_set(request):
     """Every instruction set that this processor has, in turn; the one that PIEPER_INSTRUCTION_SET names, where it does."""
-    before = kernels.instruction_set()
     kernels.use_instruction_set(request.param)
-    yield request.param
+    return request.param
+
+
+@pytest.fixture(autouse=True)
+def _the_instruction_set_is_left_as_it_was():
+    """Else a test that chooses one would decide for those after it."""
+    before = kernels.instruction_set()
+    yield
     kernels.use_instruction_set(before)
 
 

@@ -92,9 +92,9 @@ def raises() -> Iterator[tuple[str, ast.Call]]:
             node, function = stack.pop()
             if isinstance(node, ast.FunctionDef):
                 function = node.name
-            if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
-                if getattr(node.exc.func, "id", "") == "MissingExtraError":
-                    yield "/".join(path.parts[-2:]) + f":{function}", node.exc
+            call = node.exc if isinstance(node, ast.Raise) else None
+            if isinstance(call, ast.Call) and getattr(call.func, "id", "") == "MissingExtraError":
+                yield "/".join(path.parts[-2:]) + f":{function}", call
             stack += [(child, function) for child in ast.iter_child_nodes(node)]
 
 
@@ -209,7 +209,10 @@ def ask(packages: set[str], cases: list[str], folder: Path) -> list[dict[str, An
 def folder(tmp_path_factory) -> Path:
     """Files that commands take before they find out what is missing."""
     place: Path = tmp_path_factory.mktemp("without")
-    (place / "motion.csv").write_text("t,joint_1_s,joint_2_l,joint_3_u,joint_4_r,joint_5_b,joint_6_t\n0,0,0,0,0,0,0\n1,0,0,0,0,0,0\n", encoding="utf-8")
+    (place / "motion.csv").write_text(
+        "t,joint_1_s,joint_2_l,joint_3_u,joint_4_r,joint_5_b,joint_6_t\n0,0,0,0,0,0,0\n1,0,0,0,0,0,0\n",
+        encoding="utf-8",
+    )
     (place / "arm.xacro").write_text(
         '<robot name="a" xmlns:xacro="http://ros.org/wiki/xacro"><link name="l"/></robot>', encoding="utf-8"
     )
@@ -265,9 +268,7 @@ def test_every_place_was_reached(without_any, behind) -> None:
 
 
 def test_without_rclpy_the_other_backend_is_named(folder) -> None:
-    (answer,) = ask(
-        {"rclpy"}, ["from pieper.ros.rcl import RclWire; RclWire('n', namespace='/')"], folder
-    )
+    (answer,) = ask({"rclpy"}, ["from pieper.ros.rcl import RclWire; RclWire('n', namespace='/')"], folder)
     assert answer["type"] == "MissingLibraryError"
     assert "source your ROS 2 first" in answer["message"]
     assert "PIEPER_ROS_BACKEND=bare" in answer["message"]

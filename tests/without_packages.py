@@ -38,7 +38,9 @@ def raised(code: str) -> dict[str, Any]:
     try:
         exec(code, {})
     except Exception as error:  # noqa: BLE001  what it is, is the answer
-        frames = [frame for frame in traceback.extract_tb(error.__traceback__) if "pieper" in Path(frame.filename).parts]
+        frames = [
+            frame for frame in traceback.extract_tb(error.__traceback__) if "pieper" in Path(frame.filename).parts
+        ]
         site = "/".join(Path(frames[-1].filename).parts[-2:]) + f":{frames[-1].name}" if frames else ""
         about = {name: getattr(error, name, "") for name in ("package", "extra")}
         return {"type": type(error).__name__, "message": str(error), "site": site, **about}

@@ -129,7 +129,9 @@ def test_what_crashes_hangs_or_babbles_harms_no_other(monkeypatch) -> None:
 def test_interrupted_it_leaves_no_child(number, tmp_path) -> None:
     """The probes say which processes they are, then hang."""
     child = f"import os, pathlib, time; pathlib.Path({str(tmp_path)!r}, str(os.getpid())).touch(); time.sleep(600)"
-    code = f"import sys; from pieper.cli import doctor, main; doctor._CHILD = {child!r}; sys.exit(main.main(['doctor']))"
+    code = (
+        f"import sys; from pieper.cli import doctor, main; doctor._CHILD = {child!r}; sys.exit(main.main(['doctor']))"
+    )
     with subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE) as process:
         while len(list(tmp_path.iterdir())) < 4:
             assert process.poll() is None
@@ -248,7 +250,9 @@ def test_a_film_is_a_camera_that_works(monkeypatch, tmp_path) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="screens of Linux")
-@pytest.mark.parametrize(("variables", "state"), [({}, MISSING), ({"DISPLAY": ":7"}, OK), ({"WAYLAND_DISPLAY": "w"}, OK)])
+@pytest.mark.parametrize(
+    ("variables", "state"), [({}, MISSING), ({"DISPLAY": ":7"}, OK), ({"WAYLAND_DISPLAY": "w"}, OK)]
+)
 def test_screens(monkeypatch, variables, state) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)

@@ -14,13 +14,6 @@ from pieper.errors import UnknownNameError
 CODE = "from pieper._native import kernels; print(kernels.instruction_set())"
 
 
-@pytest.fixture(autouse=True)
-def _as_it_was():
-    before = kernels.instruction_set()
-    yield
-    kernels.use_instruction_set(before)
-
-
 @pytest.mark.parametrize("name", kernels.instruction_sets())
 def test_the_set_that_is_named_is_used(name):
     use_instruction_set_of({"PIEPER_INSTRUCTION_SET": name})

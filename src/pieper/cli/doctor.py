@@ -60,7 +60,9 @@ def doctor(
         out.print("\nWhat to do", style="bold", markup=False)
         for name, advice in gaps:
             for k, text in enumerate(wrap(advice, max(20, out.width - 12), break_on_hyphens=False)):
-                out.print(("" if k else name).ljust(12) + text, markup=False, no_wrap=True, overflow="ignore", crop=False)
+                out.print(
+                    ("" if k else name).ljust(12) + text, markup=False, no_wrap=True, overflow="ignore", crop=False
+                )
     return code
 
 
@@ -150,7 +152,9 @@ def _end(child: _Child, timeout: float) -> Finding:
             return Finding(**json.loads(child.out.read().splitlines()[-1]))
         except (IndexError, ValueError, TypeError):
             complaint = child.err.read().decode(errors="replace").strip().splitlines()
-            return Finding(BROKEN, _crashed(child.process.returncode) + (f": {complaint[-1].strip()[:300]}" if complaint else ""))
+            return Finding(
+                BROKEN, _crashed(child.process.returncode) + (f": {complaint[-1].strip()[:300]}" if complaint else "")
+            )
 
 
 def _crashed(code: int) -> str:

@@ -108,7 +108,9 @@ def extra(name: str) -> Finding:
     if not missing:
         return Finding(OK, ", ".join(found))
     if nowhere := [package for package in missing if not is_wanted(package)]:
-        advice = f"there is no package of {' and '.join(nowhere)} for this Python on this machine; {_INSTEAD[nowhere[0]]}"
+        advice = (
+            f"there is no package of {' and '.join(nowhere)} for this Python on this machine; {_INSTEAD[nowhere[0]]}"
+        )
     return Finding(MISSING, ", ".join([*found, *(f"no {package}" for package in missing)]), advice)
 
 
@@ -148,7 +150,9 @@ def ros() -> Finding:
     distribution = os.environ.get("ROS_DISTRO", "")
     with open_bus("pieper_doctor", backend=backend):
         pass
-    return Finding(OK, f"backend {backend}" + (f" of ROS {distribution}" if distribution else "") + "; a node can start")
+    return Finding(
+        OK, f"backend {backend}" + (f" of ROS {distribution}" if distribution else "") + "; a node can start"
+    )
 
 
 def gl() -> Finding:
