@@ -98,7 +98,7 @@ def rclpy(session: nox.Session) -> None:
 @nox.session
 def docs(session: nox.Session) -> None:
     """Build the documentation; a warning is an error."""
-    install_pieper(session, "docs")
+    install_pieper(session, "docs", extra="[all]")  # the reference imports every room
     session.run("python", "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "docs", "build/docs")
 
 
