@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 from pathlib import Path
 
@@ -15,6 +16,17 @@ nox.options.sessions = ["format", "lint", "types", "imports", "tests", "docs", "
 PROJECT = nox.project.load_toml("pyproject.toml")
 OLDEST_PYTHON = "3.10"
 NEWEST_PYTHON = "3.14"
+EXTRAS = tuple(PROJECT["project"]["optional-dependencies"])
+# Ends with 1 unless `pieper doctor` finds the core and these extras whole.
+ARE_WHOLE = """
+import json, subprocess, sys
+said = subprocess.run([sys.executable, "-m", "pieper", "doctor", "--json"], stdout=subprocess.PIPE, check=True).stdout
+checks = {check["name"]: check for check in json.loads(said)["checks"]}
+wanted = [name for name, check in checks.items() if check["extra"]] if sys.argv[1] == "all" else [sys.argv[1]]
+for name in ["core", *wanted]:
+    print(name, checks[name]["state"], checks[name]["found"])
+sys.exit(any(checks[name]["state"] != "ok" for name in ["core", *wanted]))
+"""
 # The tests compare with its figures; what it asks for besides would overwrite opencv-python-headless.
 TRACKEVAL = "trackeval==1.3.0"
 
@@ -86,7 +98,7 @@ def rclpy(session: nox.Session) -> None:
 @nox.session
 def docs(session: nox.Session) -> None:
     """Build the documentation; a warning, a broken link and anything that is fetched from outside is an error."""
-    install_pieper(session, "docs")
+    install_pieper(session, "docs", extra="[all]")  # the reference imports every room
     session.run("python", "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "docs", "build/docs")
     session.run("python", "scripts/check_site.py", "build/docs")
 
@@ -100,9 +112,49 @@ def examples(session: nox.Session) -> None:
 
 @nox.session
 def native(session: nox.Session) -> None:
-    """Build and run the tests of the C++ library, without Python."""
+    """Build and run the tests of the C++ library, without Python, with vectors and on the portable path."""
     session.install(*groups("build"))
-    session.run("bash", "-c", "source scripts/setup.sh && native_tests", external=True)
+    session.run("bash", "-c", "source scripts/setup.sh && native_tests && portable_tests", external=True)
+
+
+@nox.session
+def variants(session: nox.Session) -> None:
+    """Build with GCC and Clang, vectors and portable, test with every instruction set, compare answers; `-- --answers` is short."""
+    session.install(*groups("build", "test"), "numpy", "scipy", "defusedxml", "typer", "rich")
+    session.run("python", "scripts/variants.py", *session.posargs)
+
+
+@nox.session
+def extras(session: nox.Session) -> None:
+    """Install each extra, and all of them, into an environment of its own, and ask `pieper doctor`; `-- viewer sim` for some."""
+    session.install(*groups("build"))
+    folder = Path("build/extras").resolve()
+    shutil.rmtree(folder, ignore_errors=True)
+    session.run("python", "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "-w", str(folder), ".")
+    (wheel,) = folder.glob("*.whl")
+    for extra in session.posargs or EXTRAS:
+        session.run("python", "-m", "venv", str(folder / extra))
+        python = str(folder / extra / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python"))
+        session.run(python, "-m", "pip", "install", "-q", f"pieper[{extra}] @ {wheel.as_uri()}", external=True)
+        session.run(python, "-m", "pip", "check", external=True)
+        session.run(python, "-c", ARE_WHOLE, extra, external=True)
+
+
+@nox.session
+def dist(session: nox.Session) -> None:
+    """Build the source archive, and from it a wheel; look at both, and get a first answer from the wheel."""
+    session.install("build", "twine", "check-wheel-contents", "abi3audit")
+    folder = Path("build/dist").resolve()
+    shutil.rmtree(folder, ignore_errors=True)
+    session.run("python", "-m", "build", "--outdir", str(folder))
+    (wheel,) = folder.glob("*.whl")
+    session.run("twine", "check", "--strict", *map(str, folder.iterdir()))
+    session.run("check-wheel-contents", str(wheel))
+    if "abi3" in wheel.name:
+        session.run("abi3audit", "--strict", str(wheel))
+    session.install("--force-reinstall", str(wheel))
+    with session.chdir(folder):  # the wheel, not the clone
+        session.run("pieper", "ik", "ur5e", "0.4", "0.2", "0.3", "--rpy", "180", "0", "0", "--deg")
 
 
 @nox.session

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 
@@ -10,6 +11,8 @@ from hypothesis import settings
 
 from pieper._native import kernels
 from pieper.errors import MissingExtraError, MissingLibraryError
+
+FORCED = os.environ.get("PIEPER_INSTRUCTION_SET")
 
 # No test depends on time: the first example of a run may import a package, and machines of others are slower.
 settings.register_profile("pieper", deadline=None)
@@ -20,12 +23,18 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_threa
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-@pytest.fixture(params=kernels.instruction_sets())
+@pytest.fixture(params=[FORCED] if FORCED else kernels.instruction_sets())
 def instruction_set(request):
-    """Every instruction set that this processor has, in turn."""
-    before = kernels.instruction_set()
+    """Every instruction set that this processor has, in turn; the one that PIEPER_INSTRUCTION_SET names, where it does."""
     kernels.use_instruction_set(request.param)
-    yield request.param
+    return request.param
+
+
+@pytest.fixture(autouse=True)
+def _the_instruction_set_is_left_as_it_was():
+    """Else a test that chooses one would decide for those after it."""
+    before = kernels.instruction_set()
+    yield
     kernels.use_instruction_set(before)
 
 

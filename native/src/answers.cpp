@@ -5,10 +5,10 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <thread>
 #include <vector>
 
 #include "pieper/kernels.hpp"
+#include "workers.hpp"
 
 namespace pieper {
 namespace {
@@ -196,8 +196,8 @@ void in_parts(std::size_t count, std::size_t threads, Run run) {
   const auto work = [&] {
     for (std::size_t first; (first = next.fetch_add(part)) < count;) run(first, std::min(part, count - first));
   };
-  std::vector<std::jthread> others;
-  for (std::size_t w = 1; w < workers; ++w) others.emplace_back(work);
+  Workers others;
+  for (std::size_t w = 1; w < workers; ++w) others.start(work);
   work();
 }
 

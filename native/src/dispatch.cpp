@@ -1,15 +1,19 @@
 // Which kernels run, and how work is split among threads.
 #include <algorithm>
 #include <atomic>
-#include <cstdlib>
-#include <thread>
 
 #include "pieper/differential.hpp"
 #include "pieper/kernels.hpp"
+#include "workers.hpp"
 
 namespace pieper {
 
+#if PIEPER_HAS_PORTABLE
+extern const Kernels kernels_portable;
+#endif
+#if PIEPER_HAS_BASELINE
 extern const Kernels kernels_baseline;
+#endif
 #if PIEPER_HAS_AVX2
 extern const Kernels kernels_avx2;
 #endif
@@ -20,7 +24,13 @@ extern const Kernels kernels_avx512;
 namespace {
 
 std::vector<const Kernels*> supported() {
-  std::vector<const Kernels*> found{&kernels_baseline};
+  std::vector<const Kernels*> found;
+#if PIEPER_HAS_PORTABLE
+  found.push_back(&kernels_portable);
+#endif
+#if PIEPER_HAS_BASELINE
+  found.push_back(&kernels_baseline);
+#endif
 #if PIEPER_HAS_AVX2
   if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) found.push_back(&kernels_avx2);
 #endif
@@ -39,11 +49,7 @@ const Kernels* by_name(const std::string& name) {
 }
 
 std::atomic<const Kernels*>& current() {
-  static std::atomic<const Kernels*> in_use = [] {
-    const char* wanted = std::getenv("PIEPER_INSTRUCTION_SET");
-    const Kernels* named = wanted ? by_name(wanted) : nullptr;
-    return named ? named : supported().back();
-  }();
+  static std::atomic<const Kernels*> in_use = supported().back();
   return in_use;
 }
 
@@ -58,11 +64,11 @@ bool split(std::size_t count, std::size_t threads, Run run) {
   if (parts == 1) return run(std::size_t{0}, count);
   std::atomic<bool> good = true;
   {
-    std::vector<std::jthread> workers;
+    Workers workers;
     // parts of a multiple of eight configurations, so that every part starts on a whole vector
     const std::size_t step = (count / parts + 7) / 8 * 8;
     for (std::size_t first = step; first < count; first += step)
-      workers.emplace_back([=, &good] {
+      workers.start([=, &good] {
         if (!run(first, std::min(step, count - first))) good = false;
       });
     if (!run(std::size_t{0}, std::min(step, count))) good = false;

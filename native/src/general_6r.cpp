@@ -9,11 +9,11 @@
 #include <cstdint>
 #include <limits>
 #include <numbers>
-#include <thread>
 
 #include "pieper/kernels.hpp"
 #include "simd/general_6r/left_line.hpp"
 #include "vec3.hpp"
+#include "workers.hpp"
 
 namespace pieper {
 namespace {
@@ -832,8 +832,8 @@ void General6R::solve(const double* targets, std::size_t count, GeneralMode mode
       for (std::size_t k = first; k < std::min(first + 16, count); ++k)
         solve_one(targets + 16 * k, mode, -1, scratch, out, k);
   };
-  std::vector<std::jthread> others;
-  for (std::size_t w = 1; w < workers; ++w) others.emplace_back(work);
+  Workers others;
+  for (std::size_t w = 1; w < workers; ++w) others.start(work);
   work();
 }
 

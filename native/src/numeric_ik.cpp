@@ -5,10 +5,10 @@
 #include <atomic>
 #include <cmath>
 #include <limits>
-#include <thread>
 
 #include "pieper/kernels.hpp"
 #include "pieper/search_table.hpp"
+#include "workers.hpp"
 
 namespace pieper {
 
@@ -154,8 +154,8 @@ std::size_t solve_numeric(const Chain& chain, const double* targets, const doubl
       for (std::size_t k = first; k < std::min(first + 8, count); ++k) batch.solve(k);
   };
   {
-    std::vector<std::jthread> others;
-    for (std::size_t w = 1; w < workers; ++w) others.emplace_back(work);
+    Workers others;
+    for (std::size_t w = 1; w < workers; ++w) others.start(work);
     work();
   }
   return static_cast<std::size_t>(std::count_if(out.status, out.status + count, [](signed char status) {

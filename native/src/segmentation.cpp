@@ -410,7 +410,7 @@ struct LumaChroma {
 };
 
 constexpr std::uint32_t edge = 2;  // pixels on either side of the border of the label in which the real edge is sought
-constexpr std::uint32_t around = 4;  // the background is taken from between `edge` and this
+constexpr std::uint32_t around = edge + 2;  // the background is taken from between `edge` and this
 constexpr std::uint32_t margin = around + 1;
 constexpr std::uint32_t widest = 240;   // of a blob that is refined
 constexpr int enough = 12;              // pixels of background, and of inside where that is eroded

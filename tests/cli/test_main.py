@@ -11,7 +11,7 @@ import pytest
 import pieper
 from pieper.cli import main as command
 
-VERBS = ("robots", "info", "fk", "ik", "reach", "convert", "render", "plot", "ros", "launch")
+VERBS = ("robots", "info", "fk", "ik", "reach", "convert", "render", "plot", "doctor", "ros", "launch")
 HEAVY = ("coal", "ompl", "numpy", "scipy", "sympy", "yaml", "mpmath", "xacrodoc", "matplotlib")
 
 

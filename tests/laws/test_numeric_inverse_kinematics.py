@@ -128,14 +128,16 @@ def test_threads_change_nothing(name, threads):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_out_of_reach_gives_the_nearest_pose_and_says_so(name):
+def test_out_of_reach_gives_the_nearest_pose_and_says_so(name, instruction_set):
     arm = chain(name)
     wanted = targets(arm, 12, seed=11)
     direction = wanted[:, :3, 3] / np.linalg.norm(wanted[:, :3, 3], axis=1, keepdims=True)
     wanted[:, :3, 3] = 10.0 * direction  # no built-in arm is that long
     answers = solve_numeric(arm, wanted)
     assert not answers.valid.any()
-    assert (answers.status == Status.unreachable).mean() > 0.9  # the rest still creeps nearer, and says so
+    assert (answers.status == Status.unreachable).mean() > 0.9, (
+        instruction_set
+    )  # the rest still creeps nearer, and says so
     assert (answers.status != Status.reached).all()
     near = answers.nearest
     for k in range(len(wanted)):

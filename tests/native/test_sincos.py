@@ -44,7 +44,7 @@ def test_error_in_units_of_the_last_place(kind, instruction_set):
 
 
 def test_one_instruction_set_is_always_there():
-    assert "baseline" in kernels.instruction_sets()
+    assert kernels.instruction_sets()[0] in ("baseline", "portable")
     assert kernels.instruction_set() in kernels.instruction_sets()
     with pytest.raises(ValueError, match="not among instruction_sets"):
         kernels.use_instruction_set("mmx")

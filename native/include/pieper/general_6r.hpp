@@ -97,8 +97,9 @@ struct FormResult {
   std::size_t count = 0;
   std::size_t simple_roots = 0;  // each has a solution of its own
   unsigned flags = 0;
-  double tail = 0;       // noise of the determinant, of its largest sample
-  std::size_t work = 0;  // counted steps, in units of about a tenth of a microsecond: the same on every machine
+  double tail = 0;  // noise of the determinant, of its largest sample
+  std::size_t work =
+      0;  // counted steps, in units of about a tenth of a microsecond: the same on every machine with the same lanes
 };
 
 // How joints are iterated towards a target.

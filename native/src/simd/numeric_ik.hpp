@@ -222,11 +222,14 @@ class NumericSolver {
 
   // Goes on from a point until it gets no nearer. Each lane tries another damping, a factor of eight apart, and the best of
   // them is taken; then each lane tries to leap further the same way, since far from a solution damped steps come too short.
+  // Eight are tried in any case, so that every instruction set gets as near: by fewer lanes one after the other.
   NumericStatus settle(Near& near) {
     const std::size_t n = space_.joints;
-    Vec ladder = splat(1.0), leaps = splat(1.0);
-    for (std::size_t l = 0; l < lanes; ++l)
-      for (std::size_t k = 0; k < l; ++k) lane(ladder, l) *= 0.125, lane(leaps, l) *= 3;
+    Vec ladder[goes], leaps[goes];
+    double rung = 1, leap = 1;
+    for (std::size_t g = 0; g < goes; ++g)
+      for (std::size_t l = 0; l < lanes; ++l, rung *= 0.125, leap *= 3)
+        lane(ladder[g], l) = rung, lane(leaps[g], l) = leap;
     double damping = near.cost;
     std::size_t idle = 0;
     for (int k = 0; k < settle_steps && idle < 4; ++k) {
@@ -235,17 +238,27 @@ class NumericSolver {
       const Errors here = evaluate(chain_, space_, goal_, q_, columns_);
       ++answer_.steps;
       hold_at_limits(space_, q_, here, columns_);
-      Vec step[max_axes];
-      damped_step(columns_, n, here.rows, damping * ladder + least_damping, step);
-      move(space_, step, q_);
-      const std::size_t winner = improve(near, q_);
-      if (winner == lanes) {
+      Vec step[goes][max_axes], tried[max_axes];
+      for (std::size_t g = 0; g < goes; ++g)
+        damped_step(columns_, n, here.rows, damping * ladder[g] + least_damping, step[g]);
+      double won = 0;
+      for (std::size_t g = 0; g < goes; ++g) {
+        for (std::size_t i = 0; i < n; ++i) tried[i] = q_[i];
+        move(space_, step[g], tried);
+        const std::size_t winner = improve(near, tried);
+        if (winner != lanes) won = lane(ladder[g], winner);
+      }
+      if (won == 0) {
         damping *= 32;
       } else {
-        damping *= lane(ladder, winner) * (lanes > 1 ? 8 : 0.25);
-        for (std::size_t i = 0; i < n; ++i) q_[i] = splat(near.q[i]), step[i] = leaps * (near.q[i] - from.q[i]);
-        move(space_, step, q_);
-        improve(near, q_);
+        damping *= won * 8;
+        const Near first = near;
+        for (std::size_t g = 0; g < goes; ++g) {
+          for (std::size_t i = 0; i < n; ++i)
+            tried[i] = splat(first.q[i]), step[g][i] = leaps[g] * (first.q[i] - from.q[i]);
+          move(space_, step[g], tried);
+          improve(near, tried);
+        }
       }
       idle = near.cost < from.cost * (1 - worth_settling) ? 0 : idle + 1;
     }
@@ -275,8 +288,9 @@ class NumericSolver {
   static constexpr double damping_factor = 0.2;
   static constexpr double worth_going_on = 0.5;  // of the squared error that was left
   static constexpr double patience = 5;          // steps that may go by without it
-  static constexpr int settle_steps = 400;
-  static constexpr double almost_there = 1e-10;  // half the squared error below which a solution is likely
+  static constexpr int settle_steps = 1000;
+  static constexpr std::size_t goes = 8 / lanes;  // so that every instruction set tries as many dampings
+  static constexpr double almost_there = 1e-10;   // half the squared error below which a solution is likely
   static constexpr int newton_steps = 200;
   static constexpr double rounding = 1e-28;        // half the squared error that is left at the end of the digits
   static constexpr double worth_settling = 1e-10;  // of the squared error, in one step

@@ -21,6 +21,7 @@ from pieper.cli import (
     calibrate_field,
     calibrate_hand_eye,
     convert,
+    doctor,
     evaluate,
     fk,
     ik,
@@ -83,6 +84,7 @@ for _verb, _summary in {
     calibrate_field: "Where the field lies before a camera.",
     synthesize: "A film of robots with markers, with exact truth.",
     evaluate: "Tracks against the truth.",
+    doctor: "What works here, and what to do about gaps.",
 }.items():
     _name = _verb.__name__.rpartition(".")[2]
     app.command(_name.replace("_", "-"), short_help=_summary)(getattr(_verb, _name))

@@ -69,7 +69,9 @@ def open_bus(
     RosError
         A name, an argument or a network setting is not what it has to be.
     MissingExtraError
-        The packages that the backend needs are not installed.
+        The packages that the bare backend needs are not installed.
+    MissingLibraryError
+        rclpy is wanted and cannot be imported.
     """
     parsed = parse(list(arguments), node_name=node)
     name, namespace = parsed.node or node, parsed.namespace or "/"

@@ -10,7 +10,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from pieper.errors import MissingExtraError, RosError
+from pieper.errors import MissingLibraryError, RosError
 from pieper.ros import messages
 from pieper.ros.qos import SERVICES
 
@@ -46,7 +46,7 @@ class RclWire:
 
     Raises
     ------
-    MissingExtraError
+    MissingLibraryError
         rclpy cannot be imported.
     """
 
@@ -56,8 +56,9 @@ class RclWire:
             from rclpy.context import Context
             from rclpy.executors import SingleThreadedExecutor
         except ImportError as error:
-            raise MissingExtraError(
-                "rclpy", "ros", "the rclpy backend (source your ROS 2 first; pip brings it as ros-jazzy-rclpy)"
+            raise MissingLibraryError(
+                f"rclpy cannot be imported ({error}); source your ROS 2 first (pip brings it as ros-jazzy-rclpy), or take "
+                "the other backend: PIEPER_ROS_BACKEND=bare, which needs pip install 'pieper[ros]'"
             ) from error
         self._context = Context()
         rclpy.init(args=[], context=self._context, domain_id=domain)
