@@ -121,6 +121,7 @@ _INSTEAD = {
     "mujoco": "take Python 3.11 or later",
     "coal": "take Linux or macOS",
     "ompl": "take Python 3.10 to 3.13 on Linux or macOS",
+    "zarr": "take Python 3.11 or later",
 }
 
 
