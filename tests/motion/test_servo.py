@@ -116,7 +116,7 @@ def test_an_arm_moves_also_where_zero_is_no_joint_value_of_it(name):
     chain = robots.chain(name)
     lower, upper = np.clip(chain.limits, -2.5, 2.5).T
     q = lower + np.random.default_rng(1).uniform(0.3, 0.7, chain.dof) * (upper - lower)
-    servo = Servo(chain, limits_of(chain), q=q)
+    servo = Servo(chain, q=q)  # slow to brake: the limits are near everywhere
     run(servo, [toward(chain, q, 0.5 * (lower + upper))] * 50)
     assert np.abs(servo.q - q).max() > 1e-4
 
@@ -144,7 +144,7 @@ def test_a_joint_that_cannot_move_does_not_hold_the_others():
     limits = chain.limits.copy()
     limits[5] = HOME[5]
     stiff = replace(chain, limits=limits)
-    others = HOME + [0.05, 0.0, 0.0, 0.0, 0.0, 0.0]
+    others = HOME + 0.05 * np.eye(6)[0]
     servo = Servo(stiff, limits_of(stiff), q=HOME)
     run(servo, [fk(chain, HOME), *[fk(chain, others)] * 300])
     np.testing.assert_allclose(servo.q, others, rtol=0, atol=2e-6)
