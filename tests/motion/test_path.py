@@ -188,4 +188,4 @@ def test_more_poses_than_memory_holds_are_refused_by_name(how):
     T_goal = np.eye(4)
     T_goal[0, 3] = 1.0
     with pytest.raises(ArrayError, match="would be more than 1000000 poses; take a step of 1e-06 m or more"):
-        line(np.eye(4), T_goal).sample(**how)
+        paths.line(np.eye(4), T_goal).sample(**how)
