@@ -204,6 +204,28 @@ def test_a_motion_that_cannot_be_made_to_hold_its_limits_is_refused(monkeypatch)
         timing.held(quick, limits, None)
 
 
+@pytest.mark.parametrize("limit", ["max_jerk", "max_acceleration"])
+def test_a_limit_that_is_as_good_as_none_makes_no_motion_slower(limit):
+    chain = robots.chain("ur5e")
+    q = np.array([0.3, -1.2, 1.4, -1.7, -1.5, 0.3])
+    T = fk(chain, q)
+    T_goal = T.copy()
+    T_goal[:2, 3] += [0.1, -0.2]
+    way = follow_path(chain, line(T, T_goal), q_start=q)
+    for make in (lambda **most: time_path(way, **most), lambda **most: time_waypoints(chain, [q, q + 0.1], **most)):
+        before = make(**{limit: 1e3}).duration
+        for most in (1e4, 1e6, 1e9, 1e12):
+            move = make(**{limit: most})
+            assert move.duration <= before + 0.01, most
+            assert max(usage(move, JointLimits.of(chain, **{limit: most}))) <= HELD
+
+
+@pytest.mark.parametrize("value", [None, "fast", np.nan, -1.0, [1.0, 2.0]])
+def test_a_limit_of_the_tip_that_is_no_number_above_zero_is_refused(value):
+    with pytest.raises(ArrayError, match="the limit velocity of the tip must be above 0, got"):
+        TcpLimits(velocity=value)
+
+
 def test_a_missing_ruckig_is_named(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "ruckig", None)
     with pytest.raises(MissingExtraError, match=r"ruckig is not installed; .* pip install 'pieper\[plan\]'"):

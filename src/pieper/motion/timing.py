@@ -32,6 +32,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass
 from math import sqrt
+from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -60,6 +61,7 @@ _SPANS = 10_000  # this part of it
 _LONGEST = 1e7  # [s] of motion along a path; far beyond it the times of its points cannot be told apart
 _SAFE = 1.0 - 1e-8  # of a limit: what is left to rounding
 _TRIALS = 12  # of a duration at which every limit holds; the last leaves 4 % to rounding
+_AT_ONCE = 2e-3  # [s] full speed and full acceleration are come to in no less, whatever the limits: rounding would show in the jerk
 _REPEATED = 1e-9  # [s of joint motion at the speed limits] points nearer than this are one
 
 
@@ -84,7 +86,7 @@ class TcpLimits:
     def __post_init__(self) -> None:
         for name in ("velocity", "acceleration", "jerk", "angular_velocity", "angular_acceleration"):
             value = getattr(self, name)
-            if not value > 0.0:
+            if not (isinstance(value, Real) and value > 0.0):
                 raise ArrayError(f"the limit {name} of the tip must be above 0, got {value!r}")
 
     @property
@@ -273,7 +275,8 @@ def _edge(limits: JointLimits, tcp: TcpLimits | None, start: FloatArray, goal: F
     )
     asked = ruckig.InputParameter(1)
     asked.target_position = [1.0]
-    asked.max_velocity, asked.max_acceleration, asked.max_jerk = [v], [a], [j]
+    a = min(a, v / _AT_ONCE)
+    asked.max_velocity, asked.max_acceleration, asked.max_jerk = [v], [a], [min(j, a / _AT_ONCE)]
     found = _planned(ruckig, asked)
     profile = found.profiles[0][0]
     ends = np.concatenate([[0.0], np.cumsum(profile.t)])
@@ -503,7 +506,8 @@ def bounds(
             np.nanmin((acceleration - second * v * v) / first), np.nanmin(share[2] * jerk / (3.0 * second * v)),
         ))  # fmt: skip
         j = float(np.nanmin((jerk - third * v**3 - 3.0 * second * v * a) / first))
-    return Bounds(length, _SAFE * v, _SAFE * a, _SAFE * j)
+    a = min(a, v / _AT_ONCE)
+    return Bounds(length, _SAFE * v, _SAFE * a, _SAFE * min(j, a / _AT_ONCE))
 
 
 def _change(w0: float, w1: float, a: float, j: float) -> float:
