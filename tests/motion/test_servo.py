@@ -150,6 +150,55 @@ def test_a_joint_that_cannot_move_does_not_hold_the_others():
     np.testing.assert_allclose(servo.q, others, rtol=0, atol=2e-6)
 
 
+@pytest.mark.parametrize("limit", ["max_jerk", "max_acceleration"])
+@pytest.mark.parametrize("most", [1e5, 1e6, 1e9, 1e12])
+def test_limits_as_good_as_none_do_not_end_a_stream(limit, most):
+    chain = robots.chain("ur5e")
+    servo = Servo(chain, JointLimits.of(chain, **{limit: most}), q=HOME)
+    T = fk(chain, HOME)
+    for _ in range(200):
+        T[0, 3] -= 2e-4
+        run(servo, [T])
+    np.testing.assert_allclose(fk(chain, servo.q), T, rtol=0, atol=1e-5)
+    run(servo, [np.array([0, 0, 0.1, 0, 0, 0])] * 100)
+    brake(servo)
+
+
+@pytest.mark.parametrize("limit", ["max_jerk", "max_acceleration"])
+def test_a_joint_limit_is_kept_with_limits_as_good_as_none(limit):
+    chain = robots.chain("kuka_kr210_robond")
+    q = np.zeros(6)
+    q[0] = chain.limits[0, 1] - 0.02
+    servo = Servo(chain, JointLimits.of(chain, **{limit: 1e9}), q=q)
+    run(servo, [jacobian(chain, q)[:, 0] * 3.0] * 300)  # held against the limits in every cycle
+    assert servo.held is not None
+    brake(servo)
+
+
+def test_a_cycle_without_an_answer_brakes_and_says_so():
+    chain = robots.chain("ur5e")
+    servo = Servo(chain, limits_of(chain), q=HOME)
+    up = np.array([0, 0, 0.1, 0, 0, 0])
+    run(servo, [up] * 100)
+
+    class Broken:
+        def reset(self):
+            pass
+
+        def update(self, asked, out):
+            raise ValueError("-101 is not a valid Result.")
+
+    working = servo._ruckig
+    servo._ruckig = Broken()
+    for target in (up, fk(chain, HOME)):
+        run(servo, [target])
+        assert servo.held is not None
+        assert servo.held.message == "no motion within the limits was found for this cycle; the arm brakes"
+    servo._ruckig = working
+    run(servo, [up] * 10)
+    assert servo.held is None
+
+
 def test_a_twist_moves_the_tip_with_it():
     chain = robots.chain("ur5e")
     servo = Servo(chain, limits_of(chain), q=HOME)

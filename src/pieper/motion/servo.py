@@ -21,7 +21,7 @@ Dynamic Systems, Measurement, and Control 108(3), 163-171.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -131,14 +131,17 @@ class Servo:
         n = chain.dof
         ruckig = _ruckig()
         self._failures = (ruckig.Result.Error, ruckig.Result.ErrorInvalidInput)
+        self._raised = (ruckig.RuckigError, ValueError)  # ValueError: a result that its Python has no name for
         self._ruckig, self._braking = ruckig.Ruckig(n, 1.0 / self.rate), ruckig.Ruckig(n, 1.0 / self.rate)
         self._asked, self._turning, self._brake = (ruckig.InputParameter(n) for _ in range(3))
         self._out, self._stopped = ruckig.OutputParameter(n), ruckig.OutputParameter(n)
+        # full speed and full acceleration are come to in a cycle at least: Ruckig fails where limits are very different in size
+        acceleration = np.minimum(self.limits.acceleration, self.limits.velocity * self.rate)
+        jerk = np.minimum(self.limits.jerk, acceleration * self.rate)
         for asked in (self._asked, self._turning, self._brake):
             asked.synchronization = ruckig.Synchronization.No
             asked.max_velocity = self.limits.velocity.tolist()
-            asked.max_acceleration = self.limits.acceleration.tolist()
-            asked.max_jerk = self.limits.jerk.tolist()
+            asked.max_acceleration, asked.max_jerk = acceleration.tolist(), jerk.tolist()
             asked.current_position = asked.target_position = start
         self._brake.control_interface = self._turning.control_interface = ruckig.ControlInterface.Velocity
         self._zeros = [0.0] * n
@@ -150,11 +153,7 @@ class Servo:
         self._lower, self._upper = (lower + room).tolist(), (upper - room).tolist()
         self._ends: list[tuple[float, float]] = [(low, high) for low, high in chain.limits.tolist()]
         # farther from a limit than any braking takes nothing needs to be looked at
-        way = self.limits.velocity * (
-            self.limits.velocity / self.limits.acceleration
-            + 2.0 * self.limits.acceleration / self.limits.jerk
-            + 2.0 / rate
-        )
+        way = self.limits.velocity * (self.limits.velocity / acceleration + 2.0 * acceleration / jerk + 2.0 / rate)
         self._near_lower, self._near_upper = (lower + way).tolist(), (upper - way).tolist()
         self._q, self._dq, self._ddq = start, list(self._zeros), list(self._zeros)
         self._solver = solver(chain)
@@ -348,8 +347,8 @@ class Servo:
         asked.current_position, asked.current_velocity, asked.current_acceleration = self._q, self._dq, self._ddq
         asked.target_velocity = dq
         self._ruckig.reset()
-        if self._ruckig.update(asked, self._out) in self._failures:
-            return self._stop()
+        if self._fails(self._ruckig, asked, self._out):
+            return self._stop(failed=True)
         out = self._out
         command = self._entered(out.new_position, out.new_velocity, out.new_acceleration)
         self._goal, self._goal_array = self._q, np.array(self._q)
@@ -370,8 +369,8 @@ class Servo:
         asked.current_acceleration = self._ddq
         asked.max_velocity = [v - f for v, f in zip(self._most, feed, strict=True)]
         asked.min_velocity = [-v - f for v, f in zip(self._most, feed, strict=True)]
-        if self._ruckig.update(asked, out) in self._failures:
-            return self._stop()
+        if self._fails(self._ruckig, asked, out):
+            return self._stop(failed=True)
         command = self._entered(
             [g + e for g, e in zip(goal, out.new_position, strict=True)],
             [f + v for f, v in zip(feed, out.new_velocity, strict=True)],
@@ -386,6 +385,13 @@ class Servo:
                     )
                     break
         return command
+
+    def _fails(self, ruckig: Any, asked: Any, out: Any) -> bool:
+        """Ask Ruckig for the next cycle; whether it has no answer."""
+        try:
+            return ruckig.update(asked, out) in self._failures
+        except self._raised:
+            return True
 
     def _short_of_limits(self, goal: list[float], feed: list[float]) -> tuple[list[float], list[float]]:
         """Joint values that may be come to rest at: one joint too near to its limit would else hold all of them."""
@@ -410,7 +416,7 @@ class Servo:
         brake.current_position, brake.current_velocity, brake.current_acceleration = self._zeros, dq, ddq
         brake.target_velocity = brake.target_acceleration = self._zeros
         self._braking.reset()
-        if self._braking.update(brake, self._stopped) in self._failures:
+        if self._fails(self._braking, brake, self._stopped):
             return False
         extrema = self._stopped.trajectory.position_extrema
         for x, now, bound, low, high in zip(q, self._q, extrema, self._lower, self._upper, strict=True):
@@ -418,9 +424,11 @@ class Servo:
                 return False
         return True
 
-    def _stop(self, *, limited: bool = False) -> Command:
+    def _stop(self, *, limited: bool = False, failed: bool = False) -> Command:
         """One cycle of braking as hard as allowed."""
         self._following = False
+        if failed:
+            self.held = Held("limit", "no motion within the limits was found for this cycle; the arm brakes")
         if limited:
             lower, upper = self.chain.limits.T
             room = np.minimum(np.array(self._q) - lower, upper - np.array(self._q))
@@ -430,7 +438,7 @@ class Servo:
         brake.current_position, brake.current_velocity, brake.current_acceleration = self._q, self._dq, self._ddq
         brake.target_velocity = brake.target_acceleration = self._zeros
         self._braking.reset()
-        if self._braking.update(brake, self._stopped) in self._failures:
+        if self._fails(self._braking, brake, self._stopped):
             raise MotionError(f"no braking was found from {self._q} at {self._dq}; limits of very different sizes?")
         out = self._stopped
         self._q, self._dq, self._ddq = out.new_position, out.new_velocity, out.new_acceleration

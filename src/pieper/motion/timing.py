@@ -32,7 +32,6 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass
 from math import sqrt
-from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -86,7 +85,7 @@ class TcpLimits:
     def __post_init__(self) -> None:
         for name in ("velocity", "acceleration", "jerk", "angular_velocity", "angular_acceleration"):
             value = getattr(self, name)
-            if not (isinstance(value, Real) and value > 0.0):
+            if not (isinstance(value, (int, float, np.number)) and value > 0.0):
                 raise ArrayError(f"the limit {name} of the tip must be above 0, got {value!r}")
 
     @property
