@@ -111,6 +111,34 @@ def test_an_arm_with_a_straight_wrist_is_told_how_to_begin(capsys):
     assert main(["move", "kr210", "--from", start, "--target", "2.0", "0.3", "1.6", "--straight"]) == 0
 
 
+@pytest.mark.parametrize("way", [[], ["--straight"]])
+@pytest.mark.parametrize(("name", "start"), [("so101", "0,0,0.3,0.4,0.2"), ("youbot", "3,1.5,-1,1.8,3")])
+def test_an_arm_with_five_joints_goes_to_a_position(name, start, way, tmp_path):
+    file = tmp_path / "move.csv"
+    arm = pieper.load(name)
+    q = np.array([float(value) for value in start.split(",")])
+    p = arm.fk(q + np.array([0.15, 0.15, -0.1, 0.05, 0.0]))[:3, 3]
+    where = [f"{value:.4f}" for value in p]
+    assert main(["move", name, "--from", start, "--target", *where, "--out", str(file), *way]) == 0
+    made = files.read(file)
+    at = arm.fk(made.sample(np.linspace(0.0, made.duration, 50)).q)[:, :3, 3]
+    np.testing.assert_allclose(at[-1], np.array(where, dtype=float), rtol=0, atol=1e-8)
+    if way:
+        along = (at[-1] - at[0]) / np.linalg.norm(at[-1] - at[0])
+        aside = np.cross(at - at[0], along)
+        np.testing.assert_allclose(aside, 0.0, atol=1e-6)
+
+
+def test_an_arm_with_five_joints_goes_to_a_position_and_an_axis(tmp_path):
+    file = tmp_path / "move.csv"
+    arm = pieper.load("so101")
+    T = arm.fk([0.15, 0.15, 0.45, 0.55, 0.35])
+    target = ["--target", *map(repr, T[:3, 3].tolist()), "--axis", *map(repr, T[:3, 2].tolist())]
+    assert main(["move", "so101", "--from", "0,0,0.3,0.4,0.2", *target, "--out", str(file)]) == 0
+    end = arm.fk(files.read(file).q[-1])
+    np.testing.assert_allclose(end[:3, 2:], T[:3, 2:], rtol=0, atol=1e-8)
+
+
 def test_a_plot_is_drawn(tmp_path):
     pytest.importorskip("matplotlib", reason="the extra plot is not installed")
     file = tmp_path / "move.png"

@@ -145,3 +145,11 @@ def test_one_point_is_checked():
     limits.check_trajectory(Trajectory([0.0], [[1.0 + 0.5 * ROUNDING, 0.0]]))
     with pytest.raises(MotionError, match=r"the trajectory's only point: joint 'turn' at 1.1 rad is outside"):
         limits.check_trajectory(Trajectory([0.0], [[1.1, 0.0]]))
+
+
+def test_an_arm_in_place_of_its_chain_is_told():
+    class Arm:
+        pass
+
+    with pytest.raises(ArrayError, match=r"chain must be a Chain, as `arm.chain` is one, got Arm"):
+        JointLimits.of(Arm())

@@ -181,3 +181,11 @@ def test_what_is_no_path_is_refused_in_words():
         paths.line(here, pose.from_xyz_rpy([0.1, 0, 0], [0, 0, 0])).at(0.2)
     with pytest.raises(ArrayError, match="a count or a step"):
         paths.line(here, here).sample(count=3, step=0.1)
+
+
+@pytest.mark.parametrize("how", [{"step": 1e-9}, {"count": 10**9}])
+def test_more_poses_than_memory_holds_are_refused_by_name(how):
+    T_goal = np.eye(4)
+    T_goal[0, 3] = 1.0
+    with pytest.raises(ArrayError, match="would be more than 1000000 poses; take a step of 1e-06 m or more"):
+        paths.line(np.eye(4), T_goal).sample(**how)

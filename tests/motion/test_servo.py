@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -101,6 +103,100 @@ def test_any_stream_is_followed_within_limits(chain, seed):
         near = fk(chain, np.clip(servo.q + rng.uniform(-0.1, 0.1, chain.dof), *chain.limits.T))
         run(servo, [far] * 20 + [near] * 20 + [rng.uniform(-4, 4, 6)] * 20)
     brake(servo)
+
+
+def toward(chain, q: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    """A gentle twist that asks the joints to go from q towards a goal."""
+    way = goal - q
+    return jacobian(chain, q) @ (0.05 * way / np.abs(way).max())
+
+
+@pytest.mark.parametrize("name", robots.NAMES)
+def test_an_arm_moves_also_where_zero_is_no_joint_value_of_it(name):
+    chain = robots.chain(name)
+    lower, upper = np.clip(chain.limits, -2.5, 2.5).T
+    q = lower + np.random.default_rng(1).uniform(0.3, 0.7, chain.dof) * (upper - lower)
+    servo = Servo(chain, q=q)  # slow to brake: the limits are near everywhere
+    run(servo, [toward(chain, q, 0.5 * (lower + upper))] * 50)
+    assert np.abs(servo.q - q).max() > 1e-4
+
+
+@pytest.mark.parametrize("end", [0, 1])
+@pytest.mark.parametrize("name", ["ur5e", "franka_panda", "kuka_kr210_robond"])
+def test_an_arm_with_a_joint_at_its_limit_leaves_it_and_moves_the_others(name, end):
+    chain = robots.chain(name)
+    lower, upper = np.clip(chain.limits, -2.5, 2.5).T
+    q = lower + np.random.default_rng(2).uniform(0.3, 0.7, chain.dof) * (upper - lower)
+    q[1] = chain.limits[1, end]
+    inwards = 0.5 * (lower + upper) - q
+    servo = Servo(chain, limits_of(chain), q=q)
+    run(servo, [jacobian(chain, q)[:, 1] * 0.05 * np.sign(inwards[1])] * 50)
+    assert abs(servo.q[1] - q[1]) > 1e-4
+    others = q.copy()
+    others[0] += 0.05 * np.sign(inwards[0])
+    servo = Servo(chain, limits_of(chain), q=q)
+    run(servo, [fk(chain, q), *[fk(chain, others)] * 300])
+    np.testing.assert_allclose(servo.q, others, rtol=0, atol=2e-6)
+
+
+def test_a_joint_that_cannot_move_does_not_hold_the_others():
+    chain = robots.chain("ur5e")
+    limits = chain.limits.copy()
+    limits[5] = HOME[5]
+    stiff = replace(chain, limits=limits)
+    others = HOME + 0.05 * np.eye(6)[0]
+    servo = Servo(stiff, limits_of(stiff), q=HOME)
+    run(servo, [fk(chain, HOME), *[fk(chain, others)] * 300])
+    np.testing.assert_allclose(servo.q, others, rtol=0, atol=2e-6)
+
+
+@pytest.mark.parametrize("limit", ["max_jerk", "max_acceleration"])
+@pytest.mark.parametrize("most", [1e5, 1e6, 1e9, 1e12])
+def test_limits_as_good_as_none_do_not_end_a_stream(limit, most):
+    chain = robots.chain("ur5e")
+    servo = Servo(chain, JointLimits.of(chain, **{limit: most}), q=HOME)
+    T = fk(chain, HOME)
+    for _ in range(200):
+        T[0, 3] -= 2e-4
+        run(servo, [T])
+    np.testing.assert_allclose(fk(chain, servo.q), T, rtol=0, atol=1e-5)
+    run(servo, [np.array([0, 0, 0.1, 0, 0, 0])] * 100)
+    brake(servo)
+
+
+@pytest.mark.parametrize("limit", ["max_jerk", "max_acceleration"])
+def test_a_joint_limit_is_kept_with_limits_as_good_as_none(limit):
+    chain = robots.chain("kuka_kr210_robond")
+    q = np.zeros(6)
+    q[0] = chain.limits[0, 1] - 0.02
+    servo = Servo(chain, JointLimits.of(chain, **{limit: 1e9}), q=q)
+    run(servo, [jacobian(chain, q)[:, 0] * 3.0] * 300)  # held against the limits in every cycle
+    assert servo.held is not None
+    brake(servo)
+
+
+def test_a_cycle_without_an_answer_brakes_and_says_so():
+    chain = robots.chain("ur5e")
+    servo = Servo(chain, limits_of(chain), q=HOME)
+    up = np.array([0, 0, 0.1, 0, 0, 0])
+    run(servo, [up] * 100)
+
+    class Broken:
+        def reset(self):
+            pass
+
+        def update(self, asked, out):
+            raise ValueError("-101 is not a valid Result.")
+
+    working = servo._ruckig
+    servo._ruckig = Broken()
+    for target in (up, fk(chain, HOME)):
+        run(servo, [target])
+        assert servo.held is not None
+        assert servo.held.message == "no motion within the limits was found for this cycle; the arm brakes"
+    servo._ruckig = working
+    run(servo, [up] * 10)
+    assert servo.held is None
 
 
 def test_a_twist_moves_the_tip_with_it():

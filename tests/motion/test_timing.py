@@ -17,11 +17,12 @@ import pieper
 from pieper.arm import Arm
 from pieper.errors import ArrayError, MissingExtraError, MotionError
 from pieper.kinematics.fk import fk
-from pieper.motion import files
+from pieper.motion import files, timing
 from pieper.motion.limits import JointLimits
 from pieper.motion.path import arc_through, join, line, spline
 from pieper.motion.path_ik import follow_path
 from pieper.motion.timing import TcpLimits, time_path, time_waypoints, usage
+from pieper.motion.trajectory import Trajectory
 from pieper.spatial import pose
 from tests import robots
 
@@ -175,6 +176,54 @@ def test_what_cannot_be_timed_is_refused_in_words():
         time_waypoints(chain, [HOME, HOME + 1], max_velocity=np.inf)
     with pytest.raises(ArrayError, match="limit velocity of the tip must be above 0"):
         TcpLimits(velocity=float("nan"))
+
+
+def test_a_slow_tip_takes_long_and_few_points():
+    chain = robots.chain("ur5e")
+    q = [0.3, -1.2, 1.4, -1.7, -1.5, 0.3]
+    T = fk(chain, q)
+    T_goal = T.copy()
+    T_goal[1, 3] -= 0.1
+    way = follow_path(chain, line(T, T_goal), q_start=q, step=0.02)
+    slow = TcpLimits(velocity=1e-6)
+    move = time_path(way, tcp=slow)
+    assert 1e5 < move.duration < 2e5
+    assert len(move.t) < 20_000  # not one every 0.01 s
+    assert max(usage(move, JointLimits.of(chain), slow)) <= HELD
+    with pytest.raises(MotionError, match=r"would take .* s, more than 1e\+07 s: a limit of the joints or of the tip"):
+        time_path(way, tcp=TcpLimits(velocity=1e-12))
+
+
+def test_a_motion_that_cannot_be_made_to_hold_its_limits_is_refused(monkeypatch):
+    chain = robots.chain("ur5e")
+    quick = Trajectory([0.0, 0.1], [np.zeros(6), np.ones(6)], np.zeros((2, 6)), np.zeros((2, 6)))
+    limits = JointLimits.of(chain)
+    assert max(usage(timing.held(quick, limits, None), limits)) <= HELD
+    monkeypatch.setattr(timing, "_TRIALS", 0)
+    with pytest.raises(MotionError, match="a limit is so small that rounding exceeds it: raise the smallest"):
+        timing.held(quick, limits, None)
+
+
+@pytest.mark.parametrize("limit", ["max_jerk", "max_acceleration"])
+def test_a_limit_that_is_as_good_as_none_makes_no_motion_slower(limit):
+    chain = robots.chain("ur5e")
+    q = np.array([0.3, -1.2, 1.4, -1.7, -1.5, 0.3])
+    T = fk(chain, q)
+    T_goal = T.copy()
+    T_goal[:2, 3] += [0.1, -0.2]
+    way = follow_path(chain, line(T, T_goal), q_start=q)
+    for make in (lambda **most: time_path(way, **most), lambda **most: time_waypoints(chain, [q, q + 0.1], **most)):
+        before = make(**{limit: 1e3}).duration
+        for most in (1e4, 1e6, 1e9, 1e12):
+            move = make(**{limit: most})
+            assert move.duration <= before + 0.01, most
+            assert max(usage(move, JointLimits.of(chain, **{limit: most}))) <= HELD
+
+
+@pytest.mark.parametrize("value", [None, "fast", np.nan, -1.0, [1.0, 2.0]])
+def test_a_limit_of_the_tip_that_is_no_number_above_zero_is_refused(value):
+    with pytest.raises(ArrayError, match="the limit velocity of the tip must be above 0, got"):
+        TcpLimits(velocity=value)
 
 
 def test_a_missing_ruckig_is_named(monkeypatch):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -18,9 +18,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pieper.arm import Arm
+    from pieper.ik.solutions import IKSolutions
     from pieper.motion.path_ik import JointPath
     from pieper.motion.timing import TcpLimits, Usage
     from pieper.motion.trajectory import Trajectory
+
+Kept = Literal["pose", "axis", "position"]
 
 To = Annotated[str | None, typer.Option("--to", metavar="Q1,Q2,...", help="Joint values to go to.")]
 Target = Annotated[
@@ -100,18 +103,32 @@ def move(
         np.inf if tip_velocity is None else tip_velocity, np.inf if tip_acceleration is None else tip_acceleration
     )
     T_goal, q_goal = _goal(robot, q_start, to, target, rpy, quaternion, axis, degrees=degrees)
+    # what of the pose counts: an arm with fewer than six joints can seldom keep what was not asked for
+    asked: list[Kept] = ["pose"]
+    if robot.dof < 6 and target is not None and rpy is None and quaternion is None:
+        asked.append("position" if axis is None else "axis")
     way: JointPath | None = None
     if straight:
-        way = _straight(robot, q_start, T_goal)
+        for kept in asked:
+            way = _straight(robot, q_start, T_goal, kept)
+            if way.complete:
+                break
+        assert way is not None
         if way.broken is not None:
             return _not_reached(way, as_json)
         made = time_path(way, tcp=tcp, **limits)
     else:
         if q_goal is None:
-            answers = robot.ik(T_goal, seed=q_start)
+            for kept in asked:
+                wished: Any = T_goal
+                if kept != "pose" and target is not None:
+                    wished = wanted(*target, rpy=None, quaternion=None, axis=axis, degrees=degrees).target()
+                answers = robot.ik(wished, seed=q_start)
+                if answers.reached:
+                    break
             if not answers.reached:
                 return _not_reached(answers.reason, as_json)
-            q_goal = robot.nearest_ik(T_goal, q_start)
+            q_goal = robot.nearest_ik(T_goal, q_start) if kept == "pose" else _nearest(answers, q_start)
         made = time_waypoints(robot.chain, [q_start, q_goal], tcp=tcp, **limits)
     used = usage(made, JointLimits.of(robot.chain, **limits), tcp)
     written = made if rate is None else made.at_rate(rate)
@@ -146,11 +163,19 @@ def _goal(
     return goal.pose_from(robot.fk(q_start)[:3, :3]), None
 
 
-def _straight(robot: Arm, q_start: NDArray[np.float64], T_goal: NDArray[np.float64]) -> JointPath:
+def _nearest(answers: IKSolutions, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The answer within the limits that is nearest to q (n,)."""
+    import numpy as np
+
+    near = answers.q[answers.within_limits]
+    return np.asarray(near[int(np.argmin(np.linalg.norm(near - q, axis=1)))])
+
+
+def _straight(robot: Arm, q_start: NDArray[np.float64], T_goal: NDArray[np.float64], kept: Kept) -> JointPath:
     from pieper.motion.path import line
     from pieper.motion.path_ik import follow_path
 
-    return follow_path(robot.chain, line(robot.fk(q_start), T_goal), q_start=q_start)
+    return follow_path(robot.chain, line(robot.fk(q_start), T_goal), q_start=q_start, target=kept)
 
 
 def _not_reached(why: JointPath | str, as_json: bool) -> int:

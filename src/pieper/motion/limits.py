@@ -90,6 +90,8 @@ class JointLimits:
         >>> limits.velocity.round(2)
         array([3.84, 3.49, 3.84, 4.  , 4.  , 4.  ])
         """
+        if not hasattr(chain, "max_velocity"):
+            raise ArrayError(f"chain must be a Chain, as `arm.chain` is one, got {type(chain).__name__}")
         described = np.where(
             np.isfinite(chain.max_velocity),
             chain.max_velocity,

@@ -35,6 +35,9 @@ METRES_PER_RADIAN = 0.1
 SAME_POSITION, SAME_ROTATION = 1e-9, 1e-9
 """Poses no further apart than this [m, rad] are one pose."""
 
+MOST_POSES = 1_000_000
+"""More than these are not sampled from a path."""
+
 HALF_TURN = 1e-6
 """Nearer to half a turn than this [rad] the shortest way between two orientations is not defined by them."""
 
@@ -142,6 +145,11 @@ class CartesianPath:
         -------
         s, T_base_tcp : (m,) and (m, 4, 4) arrays
             One pose alone for a path of no length.
+
+        Raises
+        ------
+        ArrayError
+            Both, a count below 2, a step that is not above 0, or more poses than `MOST_POSES`.
         """
         if count is not None and step is not None:
             raise ArrayError("sample takes a count or a step, not both")
@@ -154,6 +162,11 @@ class CartesianPath:
         if total == 0.0:
             return np.zeros(1), self.at(np.zeros(1))
         spacing = total / (count - 1) if count is not None else (0.002 if step is None else step)
+        if total / spacing > MOST_POSES:
+            raise ArrayError(
+                f"a path of {total:.6g} m in steps of {spacing:.3g} m would be more than {MOST_POSES} poses; "
+                f"take a step of {total / MOST_POSES:.2g} m or more"
+            )
         edges = np.unique(np.concatenate([[0.0], self.corners, [total]]))
         parts = [np.zeros(1)]
         for low, high in itertools.pairwise(edges):

@@ -21,7 +21,7 @@ Dynamic Systems, Measurement, and Control 108(3), 163-171.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -45,6 +45,7 @@ LARGEST_STEP = 0.2
 _DAMPING = 0.05  # the most of it, for a Jacobian of order 1
 _THRESHOLD = 0.05  # of the manipulability that the arm has at most: below it damping sets in
 _ROOM = 1e-6  # [rad or m] from the joint limits, kept for rounding
+_STILL = 1e-15  # [rad or m] a joint that comes no nearer to its limit than this in a cycle stands still
 _REST = 1e-9  # [rad/s, rad/s^2] slower than this is at rest
 _FEED = 0.95  # of its speed limit that an answer may move with to be followed as it moves; the rest is for catching up
 _LAG = 3.0  # cycles by which the arm may be behind before it says that a limit holds it back
@@ -130,14 +131,17 @@ class Servo:
         n = chain.dof
         ruckig = _ruckig()
         self._failures = (ruckig.Result.Error, ruckig.Result.ErrorInvalidInput)
+        self._raised = (ruckig.RuckigError, ValueError)  # ValueError: a result that its Python has no name for
         self._ruckig, self._braking = ruckig.Ruckig(n, 1.0 / self.rate), ruckig.Ruckig(n, 1.0 / self.rate)
         self._asked, self._turning, self._brake = (ruckig.InputParameter(n) for _ in range(3))
         self._out, self._stopped = ruckig.OutputParameter(n), ruckig.OutputParameter(n)
+        # full speed and full acceleration are come to in a cycle at least: Ruckig fails where limits are very different in size
+        acceleration = np.minimum(self.limits.acceleration, self.limits.velocity * self.rate)
+        jerk = np.minimum(self.limits.jerk, acceleration * self.rate)
         for asked in (self._asked, self._turning, self._brake):
             asked.synchronization = ruckig.Synchronization.No
             asked.max_velocity = self.limits.velocity.tolist()
-            asked.max_acceleration = self.limits.acceleration.tolist()
-            asked.max_jerk = self.limits.jerk.tolist()
+            asked.max_acceleration, asked.max_jerk = acceleration.tolist(), jerk.tolist()
             asked.current_position = asked.target_position = start
         self._brake.control_interface = self._turning.control_interface = ruckig.ControlInterface.Velocity
         self._zeros = [0.0] * n
@@ -145,13 +149,11 @@ class Servo:
         self._most = self.limits.velocity.tolist()
         self._fed = (_FEED * self.limits.velocity).tolist()
         lower, upper = chain.limits.T
-        self._lower, self._upper = (lower + _ROOM).tolist(), (upper - _ROOM).tolist()
+        room = np.minimum(_ROOM, 0.5 * (upper - lower))
+        self._lower, self._upper = (lower + room).tolist(), (upper - room).tolist()
+        self._ends: list[tuple[float, float]] = [(low, high) for low, high in chain.limits.tolist()]
         # farther from a limit than any braking takes nothing needs to be looked at
-        way = self.limits.velocity * (
-            self.limits.velocity / self.limits.acceleration
-            + 2.0 * self.limits.acceleration / self.limits.jerk
-            + 2.0 / rate
-        )
+        way = self.limits.velocity * (self.limits.velocity / acceleration + 2.0 * acceleration / jerk + 2.0 / rate)
         self._near_lower, self._near_upper = (lower + way).tolist(), (upper - way).tolist()
         self._q, self._dq, self._ddq = start, list(self._zeros), list(self._zeros)
         self._solver = solver(chain)
@@ -345,8 +347,8 @@ class Servo:
         asked.current_position, asked.current_velocity, asked.current_acceleration = self._q, self._dq, self._ddq
         asked.target_velocity = dq
         self._ruckig.reset()
-        if self._ruckig.update(asked, self._out) in self._failures:
-            return self._stop()
+        if self._fails(self._ruckig, asked, self._out):
+            return self._stop(failed=True)
         out = self._out
         command = self._entered(out.new_position, out.new_velocity, out.new_acceleration)
         self._goal, self._goal_array = self._q, np.array(self._q)
@@ -357,14 +359,18 @@ class Servo:
 
     def _ahead(self, goal: list[float], feed: list[float]) -> Command:
         """One cycle towards joint values that move with some velocity and are there at its end."""
+        for x, low, high in zip(goal, self._lower, self._upper, strict=True):
+            if not low <= x <= high:
+                goal, feed = self._short_of_limits(goal, feed)
+                break
         asked, out, cycle = self._asked, self._out, 1.0 / self.rate
         asked.current_position = [x - g + f * cycle for x, g, f in zip(self._q, goal, feed, strict=True)]
         asked.current_velocity = [v - f for v, f in zip(self._dq, feed, strict=True)]
         asked.current_acceleration = self._ddq
         asked.max_velocity = [v - f for v, f in zip(self._most, feed, strict=True)]
         asked.min_velocity = [-v - f for v, f in zip(self._most, feed, strict=True)]
-        if self._ruckig.update(asked, out) in self._failures:
-            return self._stop()
+        if self._fails(self._ruckig, asked, out):
+            return self._stop(failed=True)
         command = self._entered(
             [g + e for g, e in zip(goal, out.new_position, strict=True)],
             [f + v for f, v in zip(feed, out.new_velocity, strict=True)],
@@ -380,32 +386,49 @@ class Servo:
                     break
         return command
 
+    def _fails(self, ruckig: Any, asked: Any, out: Any) -> bool:
+        """Ask Ruckig for the next cycle; whether it has no answer."""
+        try:
+            return ruckig.update(asked, out) in self._failures
+        except self._raised:
+            return True
+
+    def _short_of_limits(self, goal: list[float], feed: list[float]) -> tuple[list[float], list[float]]:
+        """Joint values that may be come to rest at: one joint too near to its limit would else hold all of them."""
+        short = [min(max(x, low), high) for x, low, high in zip(goal, self._lower, self._upper, strict=True)]
+        return short, [f if x == g else 0.0 for f, x, g in zip(feed, short, goal, strict=True)]
+
     def _entered(self, q: list[float], dq: list[float], ddq: list[float]) -> Command:
         """The state of the next cycle, if the arm can be brought to rest from it; else one cycle of braking."""
         for x, low, high in zip(q, self._near_lower, self._near_upper, strict=True):
             if not low <= x <= high:
                 if not self._can_brake(q, dq, ddq):
                     return self._stop(limited=True)
+                q = [min(max(x, low), high) for x, (low, high) in zip(q, self._ends, strict=True)]  # of rounding
                 break
         self._q, self._dq, self._ddq = q, dq, ddq
         return Command(np.array(q), np.array(dq))
 
     def _can_brake(self, q: list[float], dq: list[float], ddq: list[float]) -> bool:
-        """Whether braking from a state ends within the joint limits."""
+        """Whether braking from a state ends within the joint limits, or, of a joint that stands at its limit, no nearer to it."""
         brake = self._brake
-        brake.current_position, brake.current_velocity, brake.current_acceleration = q, dq, ddq
+        # from 0: Ruckig counts 0 among the extrema of a motion to a velocity, wherever that motion is
+        brake.current_position, brake.current_velocity, brake.current_acceleration = self._zeros, dq, ddq
         brake.target_velocity = brake.target_acceleration = self._zeros
         self._braking.reset()
-        if self._braking.update(brake, self._stopped) in self._failures:
+        if self._fails(self._braking, brake, self._stopped):
             return False
-        for bound, low, high in zip(self._stopped.trajectory.position_extrema, self._lower, self._upper, strict=True):
-            if bound.min < low or bound.max > high:
+        extrema = self._stopped.trajectory.position_extrema
+        for x, now, bound, low, high in zip(q, self._q, extrema, self._lower, self._upper, strict=True):
+            if x + bound.min < min(low, now - _STILL) or x + bound.max > max(high, now + _STILL):
                 return False
         return True
 
-    def _stop(self, *, limited: bool = False) -> Command:
+    def _stop(self, *, limited: bool = False, failed: bool = False) -> Command:
         """One cycle of braking as hard as allowed."""
         self._following = False
+        if failed:
+            self.held = Held("limit", "no motion within the limits was found for this cycle; the arm brakes")
         if limited:
             lower, upper = self.chain.limits.T
             room = np.minimum(np.array(self._q) - lower, upper - np.array(self._q))
@@ -415,7 +438,7 @@ class Servo:
         brake.current_position, brake.current_velocity, brake.current_acceleration = self._q, self._dq, self._ddq
         brake.target_velocity = brake.target_acceleration = self._zeros
         self._braking.reset()
-        if self._braking.update(brake, self._stopped) in self._failures:
+        if self._fails(self._braking, brake, self._stopped):
             raise MotionError(f"no braking was found from {self._q} at {self._dq}; limits of very different sizes?")
         out = self._stopped
         self._q, self._dq, self._ddq = out.new_position, out.new_velocity, out.new_acceleration

@@ -55,9 +55,12 @@ _SHARES = ((0.3, 0.3, 0.3), (0.6, 0.3, 0.3), (0.6, 0.6, 0.2))
 """Of an acceleration limit what ``q'' v^2`` may use, and of a jerk limit what ``q''' v^3`` and ``3 q'' v a`` may."""
 _SWEEPS = 2  # of joining windows
 _FINEST = 1e-3  # [s] least time between two points where one can be left out: below it, rounding shows in the jerk
-_COARSEST = 0.01  # [s] most time between two points
+_COARSEST = 0.01  # [s] most time between two points, or, of long motions,
+_SPANS = 10_000  # this part of it
+_LONGEST = 1e7  # [s] of motion along a path; far beyond it the times of its points cannot be told apart
 _SAFE = 1.0 - 1e-8  # of a limit: what is left to rounding
 _TRIALS = 12  # of a duration at which every limit holds; the last leaves 4 % to rounding
+_AT_ONCE = 2e-3  # [s] full speed and full acceleration are come to in no less, whatever the limits: rounding would show in the jerk
 _REPEATED = 1e-9  # [s of joint motion at the speed limits] points nearer than this are one
 
 
@@ -82,7 +85,7 @@ class TcpLimits:
     def __post_init__(self) -> None:
         for name in ("velocity", "acceleration", "jerk", "angular_velocity", "angular_acceleration"):
             value = getattr(self, name)
-            if not value > 0.0:
+            if not (isinstance(value, (int, float, np.number)) and value > 0.0):
                 raise ArrayError(f"the limit {name} of the tip must be above 0, got {value!r}")
 
     @property
@@ -271,7 +274,8 @@ def _edge(limits: JointLimits, tcp: TcpLimits | None, start: FloatArray, goal: F
     )
     asked = ruckig.InputParameter(1)
     asked.target_position = [1.0]
-    asked.max_velocity, asked.max_acceleration, asked.max_jerk = [v], [a], [j]
+    a = min(a, v / _AT_ONCE)
+    asked.max_velocity, asked.max_acceleration, asked.max_jerk = [v], [a], [min(j, a / _AT_ONCE)]
     found = _planned(ruckig, asked)
     profile = found.profiles[0][0]
     ends = np.concatenate([[0.0], np.cumsum(profile.t)])
@@ -318,7 +322,7 @@ def time_path(
     Raises
     ------
     MotionError
-        A path that breaks, or none.
+        A path that breaks, or none; a limit so small that the motion would take 1e7 s, or that rounding exceeds it.
     MissingExtraError
         Ruckig is not installed.
 
@@ -501,7 +505,8 @@ def bounds(
             np.nanmin((acceleration - second * v * v) / first), np.nanmin(share[2] * jerk / (3.0 * second * v)),
         ))  # fmt: skip
         j = float(np.nanmin((jerk - third * v**3 - 3.0 * second * v * a) / first))
-    return Bounds(length, _SAFE * v, _SAFE * a, _SAFE * j)
+    a = min(a, v / _AT_ONCE)
+    return Bounds(length, _SAFE * v, _SAFE * a, _SAFE * min(j, a / _AT_ONCE))
 
 
 def _change(w0: float, w1: float, a: float, j: float) -> float:
@@ -583,6 +588,10 @@ def profile(windows: list[Bounds]) -> _Profile:
                 ))  # fmt: skip
         time += found.duration
         place += size
+    if not time <= _LONGEST:
+        raise MotionError(
+            f"the motion would take {time:.3g} s, more than {_LONGEST:.0e} s: a limit of the joints or of the tip is too small for its way"
+        )
     t, x, v, a = np.array(rows).T
     kept = np.concatenate([[True], np.diff(t) > 1e-12])
     x[-1], v[-1], a[-1] = place, 0.0, 0.0
@@ -604,11 +613,12 @@ def along(spline: Any, knots: FloatArray, profile: _Profile, limits: JointLimits
         beyond = _cubic(x, v, a, j, piece, middle) > inside
         low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
     passing = t[piece] + 0.5 * (low + high)
+    coarsest = max(_COARSEST, float(t[-1]) / _SPANS)
     fixed = t[np.concatenate([[True], np.diff(t) > 0.2 * _FINEST])]
     if fixed[-1] != t[-1]:
         fixed = np.append(fixed[:-1], t[-1]) if len(fixed) > 1 else t[[0, -1]]
     times = _thinned(fixed, np.sort(passing))
-    counts = np.ceil(np.diff(times) / _COARSEST - 1e-9).astype(int).clip(min=1)
+    counts = np.ceil(np.diff(times) / coarsest - 1e-9).astype(int).clip(min=1)
     times = np.concatenate(
         [*(np.linspace(p, r, c + 1)[:-1] for p, r, c in zip(times[:-1], times[1:], counts, strict=True)), times[-1:]]
     )
@@ -666,6 +676,12 @@ def held(trajectory: Trajectory, limits: JointLimits, tcp: TcpLimits | None) -> 
             trajectory.dq / slower,
             trajectory.ddq / slower**2,
             trajectory.joint_names,
+        )
+    factor = usage(trajectory, limits, tcp).stretch
+    if factor > 1.0 + 1e-6:
+        raise MotionError(
+            f"no motion was found that holds every limit; the best of {trajectory.duration:.3g} s exceeds one by "
+            f"{100.0 * (factor - 1.0):.2g} %, since a limit is so small that rounding exceeds it: raise the smallest"
         )
     return trajectory
 
