@@ -124,6 +124,11 @@ class Case(NamedTuple):
 
 ARM = "import pieper; arm = pieper.load('mh12'); q = [0.0] * 6; "
 POSE = "from pieper.model import symbolic; pose = symbolic.end_effector(pieper.load('mh12').chain); "
+MAP = (
+    f"{ARM}from pieper.workspace.boundary import boundary; from pieper.workspace.export import export\n"
+    "from pieper.workspace.survey import survey\nfrom pieper.workspace.run import run\n"
+    "found = run(survey(arm, voxel=0.5, orientations=1))\n"
+)
 COMMAND = "from without_packages import command; command"
 
 NOTHING = (
@@ -155,6 +160,11 @@ NOTHING = (
     Case("from pieper.motion import ompl_search; ompl_search._ompl()", "ompl", "plan"),
     Case(f"{ARM}from pieper.motion.timing import time_waypoints; time_waypoints(arm.chain, [q, [0.1] * 6])", "ruckig", "plan"),
     Case("from pieper.motion.world import read_world; read_world('world.yaml')", "PyYAML", "plan"),
+    Case("from pieper.tasks.pick_file import read_pick_task; read_pick_task('world.yaml')", "PyYAML", "sim"),
+    Case("from pieper.workspace.store import open_store; open_store('map.zarr')", "zarr", "maps"),
+    Case(f"{MAP}boundary(found)", "scikit-image", "maps"),
+    Case(f"{MAP}export(found, 'map.h5')", "h5py", "maps"),
+    Case("from pieper.workspace.run import Cluster; Cluster('tcp://127.0.0.1:1')", "distributed", "cluster"),
 )  # fmt: skip
 COMMANDS = {
     "fk arm.xacro 0": "xacro",
@@ -163,6 +173,8 @@ COMMANDS = {
     "view mh12 --no-browser": "viewer",
     "plot joints mh12 --trajectory motion.csv --save joints.png": "plot",
     "pick": "sim",
+    "workspace mh12 --voxel 0.5 --orientations 1 --out map.zarr": "maps",
+    "workspace mh12 --voxel 0.5 --orientations 1 --figure map.png": "plot",
     "track film.mp4 --colors colors.yaml": "perception",
     "learn-colour film.mp4 --roi red:0,0,0,9,9 --roi blue:0,9,9,9,9": "perception",
     "calibrate-camera film.mp4": "perception",
@@ -284,5 +296,5 @@ def test_no_package_of_an_extra_is_imported_when_pieper_is(folder) -> None:
     answers = ask(MODULES, [f"import {m}" for m in named], folder)
     complain = {m for m, answer in zip(named, answers, strict=True) if answer["type"]}
     assert {answer["type"] for answer in answers} <= {"", "MissingExtraError"}
-    assert {m.split(".")[1] for m in complain} == {"ros", "viewer"}
-    assert all(m.startswith(("pieper.ros.bare", "pieper.viewer.")) for m in complain)
+    assert {m.split(".")[1] for m in complain} == {"ros", "tasks", "viewer"}
+    assert all(m.startswith(("pieper.ros.bare", "pieper.tasks.pick_view", "pieper.viewer.")) for m in complain)

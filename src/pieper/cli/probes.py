@@ -142,7 +142,7 @@ def is_wanted(
         return version < (3, 14) and system != "Windows"
     if package == "coal":
         return system != "Windows"
-    return package != "mujoco" or version >= (3, 11)
+    return package not in ("mujoco", "zarr") or version >= (3, 11)
 
 
 def ros() -> Finding:
