@@ -363,3 +363,18 @@ def test_a_model_in_another_world_is_the_one_made_there(name: str) -> None:
     )
     with pytest.raises(WorldError, match="'hand' is the name of two"):
         first.with_world(World((Item("hand", Sphere(0.1)),)))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_smaller_margin_frees_more_states(name: str) -> None:
+    """Which links are looked at must not change when less is asked for; that a Panda's second and fourth link meet at every margin."""
+    wide = CollisionModel(chain(name), margin=0.01)
+    least = CollisionModel(chain(name), margin=0.0)
+    assert least.self_pairs == wide.self_pairs
+    widest = wide.with_margin(min(0.03, 0.09 * wide.reach_bound))
+    assert widest.with_margin(0.002).self_pairs == widest.self_pairs
+    q = states(wide.chain, 100)
+    free = [model.is_free(q) for model in (widest, widest.with_margin(0.002), wide, wide.with_margin(0.005), least)]
+    assert (free[1] >= free[0]).all()
+    assert (free[3] >= free[2]).all()
+    assert (free[4] >= free[3]).all()

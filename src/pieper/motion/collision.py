@@ -81,7 +81,7 @@ class SelfPairs:
     adjacent : tuple of (str, str)
         Joined by one joint, or the tool and what carries it.
     always : tuple of (str, str)
-        Touching in 95 % of `SAMPLES` states, drawn evenly within the limits. For solids made from the chain, whose radii are a guess, it is
+        Touching, which is nearer than the margin or `DEFAULT_MARGIN`, in 95 % of `SAMPLES` states, drawn evenly within the limits. For solids made from the chain, whose radii are a guess, it is
         25 % for links two joints apart, such as the two ends of a wrist.
     never : tuple of (str, str)
         Farther apart than a tenth of the reach in each of these states.
@@ -343,13 +343,18 @@ class CollisionModel:
             if self._exact[p] and self._exact[o]:
                 continue
             placed: dict[tuple[int, int], Any] = {}
-            for k in np.flatnonzero(gaps[:, column] < self.margin):
+            for k in np.flatnonzero(gaps[:, column] < self._touching):
                 Tp, To = self._placed(q, int(k), p, placed), self._placed(q, int(k), o, placed)
                 gaps[k, column] = self._measure.distance(self._coal[p], Tp, self._coal[o], To)
         return gaps
 
+    @property
+    def _touching(self) -> float:
+        """Nearer than this counts as touching when pairs are chosen [m], so that the choice is the same for all small margins."""
+        return max(self.margin, min(DEFAULT_MARGIN, _NEVER * self.reach_bound))
+
     def _verdict(self, gaps: FloatArray, apart: int, carried: bool) -> str:
-        touching = float((gaps < self.margin).mean())
+        touching = float((gaps < self._touching).mean())
         if touching >= _ALWAYS or (self._from_chain and not carried and apart == 2 and touching >= _COARSE):
             return "always"
         return "never" if gaps.min() > _NEVER * self.reach_bound else "checked"
@@ -670,8 +675,12 @@ class CollisionModel:
     # --- a changed model
 
     def with_margin(self, margin: float) -> CollisionModel:
-        """The same with another margin [m]."""
-        return self._changed(margin=margin)
+        """The same with another margin [m]; with a smaller one the pairs of links are those of this model."""
+        if not 0.0 <= margin <= self.margin:
+            return self._changed(margin=margin)
+        other = copy.copy(self)
+        other.margin = float(margin)
+        return other
 
     def with_world(self, world: World) -> CollisionModel:
         """The same in another world; quick, since the pairs of links are those of this one."""
