@@ -5,6 +5,7 @@
 #include "simd/forward_kinematics.hpp"
 #include "simd/jacobian.hpp"
 #include "simd/numeric_ik.hpp"
+#include "simd/scores.hpp"
 
 namespace {
 
@@ -165,6 +166,54 @@ bool manipulabilities(const Folded& chain, const double* q, std::size_t count, d
   });
 }
 
+bool score(const Folded& chain, const double* limits, const double* q, std::size_t count, double* measure,
+           double* margin) {
+  const std::size_t n = chain.count;
+  const bool quick = six_turn(chain);
+  double padded[lanes * max_axes];
+  for (std::size_t k = 0; k < count; k += lanes) {
+    const std::size_t some = count - k < lanes ? count - k : lanes;
+    const double* from = q + k * n;
+    if (some < lanes) {
+      for (std::size_t l = 0; l < lanes; ++l)
+        std::memcpy(padded + l * n, from + (l < some ? l : some - 1) * n, n * sizeof(double));
+      from = padded;
+    }
+    Joints joints;
+    read_records(from, n, joints);
+    Vec distance = margin_of(limits, n, joints);
+    if (!load_joints(chain, n, from, joints)) return false;
+    Vec best;
+    if (quick) {
+      best = six_axis_manipulability(chain, joints);
+    } else {
+      Vec numbers[6 * max_axes];
+      columns(chain, joints, pieper::JacobianKind::geometric, numbers);
+      best = square_root(manipulability(numbers, n));
+    }
+    for (std::size_t l = 0; l < some; ++l) measure[k + l] = lane(best, l), margin[k + l] = lane(distance, l);
+  }
+  return true;
+}
+
+void singular_values(const double* jacobians, std::size_t count, std::size_t n, std::size_t rows, double* product,
+                     double* smallest) {
+  const bool wide = n >= rows;
+  const std::size_t vectors = wide ? rows : n, length = wide ? n : rows;
+  for (std::size_t k = 0; k < count; k += lanes) {
+    Vec of[6][max_axes];
+    for (std::size_t l = 0; l < lanes; ++l) {
+      const double* J = jacobians + (k + l < count ? k + l : count - 1) * 6 * n;
+      for (std::size_t i = 0; i < vectors; ++i)
+        for (std::size_t j = 0; j < length; ++j) lane(of[i][j], l) = wide ? J[i * n + j] : J[j * n + i];
+    }
+    Vec all, least;
+    singular_values_of(of, vectors, length, all, least);
+    for (std::size_t l = 0; l < lanes && k + l < count; ++l)
+      product[k + l] = lane(all, l), smallest[k + l] = lane(least, l);
+  }
+}
+
 void pose_and_jacobian(const Folded& chain, const double* q, double* pose, double* jacobian) {
   double joints[max_axes];
   load_joints(chain, q, joints);
@@ -241,6 +290,8 @@ const Kernels PIEPER_JOIN(kernels_, PIEPER_ISA){PIEPER_TEXT(PIEPER_ISA),
                                                 solve_numeric_target,
                                                 solve_closed_form_of,
                                                 arctangents,
+                                                score,
+                                                singular_values,
                                                 &PIEPER_JOIN(general_kernels_, PIEPER_ISA),
                                                 &PIEPER_JOIN(segmentation_kernels_, PIEPER_ISA)};
 }  // namespace pieper
