@@ -34,10 +34,14 @@ class Rating {
     slack_ = quick_absolute * size * size * size;
   }
 
-  void add(const double* q, std::size_t group) {
-    std::copy_n(q, n_, &q_[held_ * n_]);
-    groups_[held_] = group;
-    if (++held_ == block) rate();
+  // Answers of a group, at most a block of them, that lie one after the other.
+  void add(const double* q, std::size_t count, std::size_t group) {
+    if (held_ + count > block) rate();
+    std::copy_n(q, count * n_, &q_[held_ * n_]);
+    held_ += count;
+    if (runs_ > 0 && run_groups_[runs_ - 1] == group) --runs_;
+    run_groups_[runs_] = group;
+    run_ends_[runs_++] = held_;
   }
 
   bool finish() {
@@ -52,20 +56,30 @@ class Rating {
   void rate() {
     if (held_ == 0) return;
     measures();
-    for (std::size_t k = 0; k < held_; ++k) {
-      if (groups_[k] != group_) {
+    std::size_t k = 0;
+    for (std::size_t run = 0; run < runs_; ++run) {
+      if (run_groups_[run] != group_) {
         settle();
-        group_ = groups_[k];
+        group_ = run_groups_[run];
         most_ = margin_ = nowhere;
       }
-      margin_ = std::max(margin_, margins_[k]);
-      if (measures_[k] < enough_) continue;
-      if (measures_[k] > most_) most_ = measures_[k], enough_ = most_ * (1 - quick_relative) - slack_;
-      near_.push_back(measures_[k]);
-      const double* from = &q_[k * n_];
-      near_q_.insert(near_q_.end(), from, from + n_);
+      double margin = margin_, enough = enough_;
+      for (; k < run_ends_[run]; ++k) {
+        margin = std::max(margin, margins_[k]);
+        if (measures_[k] >= enough) enough = keep(k);
+      }
+      margin_ = margin;
     }
-    held_ = 0;
+    held_ = runs_ = 0;
+  }
+
+  // One that may be the best so far; returns what others must have from here on.
+  double keep(std::size_t k) {
+    if (measures_[k] > most_) most_ = measures_[k], enough_ = most_ * (1 - quick_relative) - slack_;
+    near_.push_back(measures_[k]);
+    const double* from = &q_[k * n_];
+    near_q_.insert(near_q_.end(), from, from + n_);
+    return enough_;
   }
 
   void measures() {
@@ -141,7 +155,7 @@ class Rating {
   bool plain_ = false, good_ = true;
   double slack_ = 0;
   std::vector<double> limits_, q_, jacobians_;
-  std::size_t held_ = 0, groups_[block];
+  std::size_t held_ = 0, runs_ = 0, run_groups_[block], run_ends_[block];
   double measures_[block], margins_[block];
   // the group that is being rated
   std::size_t group_ = none;
@@ -162,10 +176,15 @@ bool score_some(const Chain& chain, const double* q, const bool* counted, std::s
     std::int64_t reached = 0, solutions = 0, most = 0;
     for (std::size_t pose = 0; pose < options.poses; ++pose, q += slots * n, counted += slots) {
       std::int64_t here = 0;
-      for (std::size_t k = 0; k < slots; ++k) {
-        if (!counted[k]) continue;
-        ++here;
-        if (options.measures) rating.add(q + k * n, g);
+      for (std::size_t k = 0; k < slots;) {
+        if (!counted[k]) {
+          ++k;
+          continue;
+        }
+        const std::size_t from = k;
+        while (k < slots && counted[k] && k - from < block) ++k;
+        here += static_cast<std::int64_t>(k - from);
+        if (options.measures) rating.add(q + from * n, k - from, g);
       }
       reached += here > 0;
       solutions += here;

@@ -32,12 +32,17 @@ PIEPER_OUT_OF_LINE bool reduce_joints(const Folded& chain, Vec* joints) {
   return true;
 }
 
-// The joint values of `lanes` configurations, large angles reduced; false when one is too large or no number.
-PIEPER_INLINE bool load_joints(const Folded& chain, std::size_t n, const double* q, Vec* joints) {
-  read_records(q, n, joints);
+// Large angles reduced; false when a value is too large or no number.
+PIEPER_INLINE bool reduced_joints(const Folded& chain, std::size_t n, Vec* joints) {
   Vec squares = joints[0] * joints[0];  // not a number, or infinite, when any of them is
   for (std::size_t i = 1; i < n; ++i) squares += joints[i] * joints[i];
   return all(squares <= small_angle * small_angle) || reduce_joints(chain, joints);
+}
+
+// The joint values of `lanes` configurations, large angles reduced; false when one is too large or no number.
+PIEPER_INLINE bool load_joints(const Folded& chain, std::size_t n, const double* q, Vec* joints) {
+  read_records(q, n, joints);
+  return reduced_joints(chain, n, joints);
 }
 
 void load_joints(const Folded& chain, const double* q, double* joints) {
@@ -166,10 +171,11 @@ bool manipulabilities(const Folded& chain, const double* q, std::size_t count, d
   });
 }
 
-bool score(const Folded& chain, const double* limits, const double* q, std::size_t count, double* measure,
-           double* margin) {
-  const std::size_t n = chain.count;
-  const bool quick = six_turn(chain);
+// `axes` is 6 when there are six and all of them turn, else 0.
+template <std::size_t axes>
+bool score_of(const Folded& chain, const double* limits, const double* q, std::size_t count, double* measure,
+              double* margin) {
+  const std::size_t n = axes ? axes : chain.count;
   double padded[lanes * max_axes];
   for (std::size_t k = 0; k < count; k += lanes) {
     const std::size_t some = count - k < lanes ? count - k : lanes;
@@ -181,19 +187,28 @@ bool score(const Folded& chain, const double* limits, const double* q, std::size
     }
     Joints joints;
     read_records(from, n, joints);
-    Vec distance = margin_of(limits, n, joints);
-    if (!load_joints(chain, n, from, joints)) return false;
-    Vec best;
-    if (quick) {
+    Vec distance = margin_of(limits, n, joints), best;
+    if (!reduced_joints(chain, n, joints)) return false;
+    if constexpr (axes == 6) {
       best = six_axis_manipulability(chain, joints);
     } else {
       Vec numbers[6 * max_axes];
       columns(chain, joints, pieper::JacobianKind::geometric, numbers);
       best = square_root(manipulability(numbers, n));
     }
-    for (std::size_t l = 0; l < some; ++l) measure[k + l] = lane(best, l), margin[k + l] = lane(distance, l);
+    if (some == lanes) {
+      store(measure + k, best), store(margin + k, distance);
+    } else {
+      for (std::size_t l = 0; l < some; ++l) measure[k + l] = lane(best, l), margin[k + l] = lane(distance, l);
+    }
   }
   return true;
+}
+
+bool score(const Folded& chain, const double* limits, const double* q, std::size_t count, double* measure,
+           double* margin) {
+  return six_turn(chain) ? score_of<6>(chain, limits, q, count, measure, margin)
+                         : score_of<0>(chain, limits, q, count, measure, margin);
 }
 
 void singular_values(const double* jacobians, std::size_t count, std::size_t n, std::size_t rows, double* product,
