@@ -150,4 +150,4 @@ def _is_free(survey: Survey) -> Any:
     from pieper.arm import Arm
     from pieper.motion.collision import CollisionModel
 
-    return CollisionModel(Arm(survey.chain, survey.description), margin=survey.margin).is_free
+    return CollisionModel(Arm(survey.chain, survey.description), survey.world, margin=survey.margin).is_free
