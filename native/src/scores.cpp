@@ -55,9 +55,9 @@ class Rating {
   // Measure and margin of the answers held, and which of them may be the best.
   void rate() {
     if (held_ == 0) return;
-    measures();
+    good_ = good_ && measures();
     std::size_t k = 0;
-    for (std::size_t run = 0; run < runs_; ++run) {
+    for (std::size_t run = 0; good_ && run < runs_; ++run) {
       if (run_groups_[run] != group_) {
         settle();
         group_ = run_groups_[run];
@@ -82,14 +82,11 @@ class Rating {
     return enough_;
   }
 
-  void measures() {
+  bool measures() {
     const std::size_t n = n_;
-    if (!plain_ && options_.rows == 6) {
-      good_ = good_ && kernels().score(chain_.folded(), &limits_[0], &q_[0], held_, measures_, margins_);
-      return;
-    }
-    good_ = good_ && jacobians(&q_[0], held_);
-    if (!good_) return;
+    if (!plain_ && options_.rows == 6)
+      return kernels().score(chain_.folded(), &limits_[0], &q_[0], held_, measures_, margins_);
+    if (!jacobians(&q_[0], held_)) return false;
     double smallest[block];
     kernels().singular_values(&jacobians_[0], held_, n, options_.rows, measures_, smallest);
     for (std::size_t k = 0; k < held_; ++k) {
@@ -98,6 +95,7 @@ class Rating {
         margin = std::min({margin, q_[k * n + i] - limits_[2 * i], limits_[2 * i + 1] - q_[k * n + i]});
       margins_[k] = margin;
     }
+    return true;
   }
 
   // Always as a batch: one configuration alone is computed in another order, and how many there are depends on the threads.
