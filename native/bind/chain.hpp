@@ -20,6 +20,7 @@ void bind_numeric_ik(nb::module_& module, nb::class_<NativeChain>& chain);
 void bind_closed_form(nb::module_& module, nb::class_<NativeChain>& chain);
 void bind_general_6r(nb::module_& module);
 void bind_answers(nb::module_& module, nb::class_<NativeChain>& chain);
+void bind_scores(nb::class_<NativeChain>& chain);
 void bind_instruction_sets(nb::module_& module);
 void bind_segmentation(nb::module_& module);
 

@@ -25,6 +25,7 @@ NB_MODULE(kernels, module) {
   bind_closed_form(module, chain);
   bind_general_6r(module);
   bind_answers(module, chain);
+  bind_scores(chain);
   bind_instruction_sets(module);
   bind_segmentation(module);
 }

@@ -58,9 +58,8 @@ constexpr std::size_t worth_a_thread = 4096;
 
 // Calls run(first, count) on up to `threads` contiguous parts; true when every part says so.
 template <class Run>
-bool split(std::size_t count, std::size_t threads, Run run) {
-  const std::size_t parts =
-      std::min(std::max<std::size_t>(threads, 1), std::max<std::size_t>(count / worth_a_thread, 1));
+bool split(std::size_t count, std::size_t threads, Run run, std::size_t worth = worth_a_thread) {
+  const std::size_t parts = std::min(std::max<std::size_t>(threads, 1), std::max<std::size_t>(count / worth, 1));
   if (parts == 1) return run(std::size_t{0}, count);
   std::atomic<bool> good = true;
   {
@@ -144,6 +143,24 @@ void solve_closed_form(const Chain& chain, const ClosedForm& form, const double*
          out.singular ? out.singular + first : nullptr, out.doubtful + first});
     return true;
   });
+}
+
+bool score_answers(const Chain& chain, const double* q, const bool* counted, std::size_t groups,
+                   const ScoreOptions& options, std::size_t threads, const Scores& out) {
+  const std::size_t places = options.poses * options.slots,
+                    worth = worth_a_thread / std::max<std::size_t>(places, 1) + 1;
+  return split(
+      groups, threads,
+      [&](std::size_t first, std::size_t some) {
+        Scores part{out.reached + first, out.solutions + first, out.most + first, nullptr, nullptr, nullptr};
+        if (options.measures) {
+          part.manipulability = out.manipulability + first;
+          part.singularity = out.singularity + first;
+          part.margin = out.margin + first;
+        }
+        return score_some(chain, q + first * places * chain.joints(), counted + first * places, some, options, part);
+      },
+      worth);
 }
 
 }  // namespace pieper

@@ -41,6 +41,22 @@ def test_a_slice_and_a_tool(pieper_command, tmp_path):
     assert longer.json["reachable"] > result.json["reachable"]
 
 
+def test_obstacles_leave_less(pieper_command, tmp_path):
+    pytest.importorskip("coal", reason="coal is not installed: the extra 'plan'")
+    world = tmp_path / "table.yaml"
+    world.write_text("obstacles:\n  - {name: table, box: [2.0, 2.0, 0.1], position: [0, 1.3, 0.3]}\n")
+    options = ("--voxel", 0.3, "--orientations", 2, "--box", 0, 0.3, 0.2, 0.6, 0.1, 0.7, "--counts-only", "--json")
+    alone = pieper_command("workspace", "ur5e", *options, "--collision").json
+    among = pieper_command("workspace", "ur5e", *options, "--world", world).json
+    assert among["collision"] is True
+    assert among["mean_dexterity"] < alone["mean_dexterity"] or among["reachable"] < alone["reachable"]
+    missing = pieper_command("workspace", "ur5e", *options, "--world", tmp_path / "none.yaml")
+    assert missing.code == 2
+    assert "none.yaml" in missing.err
+    same = pieper_command("workspace", "ur5e", *options, "--world", world, "--export", world)
+    assert same.code == 2
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

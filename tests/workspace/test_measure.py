@@ -199,3 +199,33 @@ def test_instructions_that_the_processor_does_not_have_are_refused() -> None:
         MapError, match="the map is made with the instructions 'abacus', which this processor does not have"
     ):
         Measurer(replace(survey(chain("ur5e"), voxel=0.5), instructions="abacus"))
+
+
+def test_what_stands_around_takes_answers_away() -> None:
+    """In each voxel of a world those answers are left that its collision model calls free, and an empty one takes none."""
+    from pieper.model.description import Box
+    from pieper.motion.collision import CollisionModel
+    from pieper.motion.world import Item, World
+
+    arm = pieper.load("ur5e")
+    T = np.eye(4)
+    T[:3, 3] = [0.5, 0.3, 0.0]
+    around = World((Item("table", Box([0.6, 0.6, 0.4]), T),))
+    options = {"voxel": 0.2, "orientations": 6, "box": [[0.2, 0.0, 0.2], [0.6, 0.2, 0.4]]}
+    alone = Measurer(survey(arm, collision=True, **options)).chunk(0)
+    empty = Measurer(survey(arm, world=World(), **options)).chunk(0)
+    asked = survey(arm, world=around, **options)
+    found = Measurer(asked).chunk(0)
+    for name in QUANTITIES:
+        assert empty[name].tobytes() == alone[name].tobytes()
+    model = CollisionModel(arm, around, margin=0.0)
+    for place, centre in zip(np.ndindex(asked.grid.shape), asked.grid.centres(0), strict=True):
+        poses = np.tile(np.eye(4), (6, 1, 1))
+        poses[:, :3, :3], poses[:, :3, 3] = asked.rotations(), centre
+        answers = arm.ik(poses)
+        expected = sum(int(model.is_free(q)) for q in answers.q[answers.within_limits])
+        assert found["solutions"][place] == expected
+    assert 0 < found["solutions"].sum() < alone["solutions"].sum()
+    assert "nothing touching among 1 obstacles" in asked.words
+    # a map among other obstacles is another map
+    assert len({survey(arm, world=world, **options).record()["solids"] for world in (around, World())}) == 2

@@ -24,6 +24,19 @@ def task() -> np.ndarray:
     return T
 
 
+def test_any_number_of_workers_gives_the_same_bits() -> None:
+    bases = grid_of_bases([-0.5, 1.0], [-0.5, 1.0], [0.0, 0.0], step=0.05, yaws=2)  # more than one batch
+    seen: list[tuple[int, int]] = []
+    alone, shared = (place(chain("ur5e"), task(), bases, workers=n) for n in (1, 2))
+    for name in ("reached", "margin", "manipulability"):
+        assert getattr(alone, name).tobytes() == getattr(shared, name).tobytes()
+    place(chain("ur5e"), task(), bases, progress=lambda done, of: seen.append((done, of)))
+    assert len(seen) > 1
+    assert seen[-1] == (len(bases), len(bases))
+    with pytest.raises(ArrayError, match="workers must be a whole number of at least 1, got 0"):
+        place(chain("ur5e"), task(), bases, workers=0)
+
+
 @pytest.mark.parametrize("name", ["ur5e", "abb_irb120", "franka_panda"])
 def test_scores_are_those_of_single_poses(name: str) -> None:
     bases = grid_of_bases([0.2, 1.0], [0.0, 0.8], [0.0, 0.0], step=0.4, yaws=2)

@@ -9,6 +9,7 @@
 #include "pieper/closed_form.hpp"
 #include "pieper/general_6r.hpp"
 #include "pieper/numeric_ik.hpp"
+#include "pieper/scores.hpp"
 #include "pieper/segmentation.hpp"
 
 namespace pieper {
@@ -36,6 +37,12 @@ struct Kernels {
   void (*solve_closed_form)(const Folded&, const ClosedForm&, const ClosedFormOptions&, const double* targets,
                             std::size_t count, const ClosedFormResults&);
   void (*arctangent)(const double* y, const double* x, std::size_t count, double* angle);
+  // Of configurations inside the limits (n, 2): Yoshikawa's measure of all six rows, and how far the joint nearest to a limit is from it.
+  bool (*score)(const Folded&, const double* limits, const double* q, std::size_t count, double* measure,
+                double* margin);
+  // The product of the singular values of the first `rows` rows of Jacobians (count, 6, n), and the smallest of them.
+  void (*singular_values)(const double* jacobians, std::size_t count, std::size_t n, std::size_t rows, double* product,
+                          double* smallest);
   const GeneralKernels* general;            // one target of an arm with six revolute joints
   const SegmentationKernels* segmentation;  // one row of a frame
 };

@@ -33,16 +33,10 @@ PIEPER_INLINE void tilt_about_x(Pose<V>& f, const Axis& axis) {
   }
 }
 
-// Walks from base to tip. `at_axis(i, z, p)` is told the direction of axis i and a point on it, both in the base frame.
+// Walks from the first axis, whose frame is `f`, to the tip. `at_axis(i, z, p)` is told the direction of axis i and a point on it, both
+// in the frame in which `f` is given.
 template <class V, class AtAxis>
-PIEPER_INLINE Pose<V> walk(const Folded& chain, const JointState<V>& state, AtAxis at_axis) {
-  Pose<V> f;
-  for (int r = 0; r < 3; ++r) {
-    f.x[r] = splat_like(V{}, chain.base_rotation[3 * r]);
-    f.y[r] = splat_like(V{}, chain.base_rotation[3 * r + 1]);
-    f.z[r] = splat_like(V{}, chain.base_rotation[3 * r + 2]);
-    f.p[r] = splat_like(V{}, chain.base_position[r]);
-  }
+PIEPER_INLINE Pose<V> walk_from(Pose<V> f, const Folded& chain, const JointState<V>& state, AtAxis at_axis) {
   for (std::size_t i = 0; i < chain.count; ++i) {
     // one group of parallel axes: the path stays in the plane across them, height adds up
     V x{}, y{}, z{};
@@ -77,6 +71,19 @@ PIEPER_INLINE Pose<V> walk(const Folded& chain, const JointState<V>& state, AtAx
     }
   }
   return f;
+}
+
+// The same from the base, in the base frame.
+template <class V, class AtAxis>
+PIEPER_INLINE Pose<V> walk(const Folded& chain, const JointState<V>& state, AtAxis at_axis) {
+  Pose<V> f;
+  for (int r = 0; r < 3; ++r) {
+    f.x[r] = splat_like(V{}, chain.base_rotation[3 * r]);
+    f.y[r] = splat_like(V{}, chain.base_rotation[3 * r + 1]);
+    f.z[r] = splat_like(V{}, chain.base_rotation[3 * r + 2]);
+    f.p[r] = splat_like(V{}, chain.base_position[r]);
+  }
+  return walk_from(f, chain, state, at_axis);
 }
 
 template <class V>

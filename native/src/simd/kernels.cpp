@@ -5,6 +5,7 @@
 #include "simd/forward_kinematics.hpp"
 #include "simd/jacobian.hpp"
 #include "simd/numeric_ik.hpp"
+#include "simd/scores.hpp"
 
 namespace {
 
@@ -31,12 +32,17 @@ PIEPER_OUT_OF_LINE bool reduce_joints(const Folded& chain, Vec* joints) {
   return true;
 }
 
-// The joint values of `lanes` configurations, large angles reduced; false when one is too large or no number.
-PIEPER_INLINE bool load_joints(const Folded& chain, std::size_t n, const double* q, Vec* joints) {
-  read_records(q, n, joints);
+// Large angles reduced; false when a value is too large or no number.
+PIEPER_INLINE bool reduced_joints(const Folded& chain, std::size_t n, Vec* joints) {
   Vec squares = joints[0] * joints[0];  // not a number, or infinite, when any of them is
   for (std::size_t i = 1; i < n; ++i) squares += joints[i] * joints[i];
   return all(squares <= small_angle * small_angle) || reduce_joints(chain, joints);
+}
+
+// The joint values of `lanes` configurations, large angles reduced; false when one is too large or no number.
+PIEPER_INLINE bool load_joints(const Folded& chain, std::size_t n, const double* q, Vec* joints) {
+  read_records(q, n, joints);
+  return reduced_joints(chain, n, joints);
 }
 
 void load_joints(const Folded& chain, const double* q, double* joints) {
@@ -165,6 +171,64 @@ bool manipulabilities(const Folded& chain, const double* q, std::size_t count, d
   });
 }
 
+// `axes` is 6 when there are six and all of them turn, else 0.
+template <std::size_t axes>
+bool score_of(const Folded& chain, const double* limits, const double* q, std::size_t count, double* measure,
+              double* margin) {
+  const std::size_t n = axes ? axes : chain.count;
+  double padded[lanes * max_axes];
+  for (std::size_t k = 0; k < count; k += lanes) {
+    const std::size_t some = count - k < lanes ? count - k : lanes;
+    const double* from = q + k * n;
+    if (some < lanes) {
+      for (std::size_t l = 0; l < lanes; ++l)
+        std::memcpy(padded + l * n, from + (l < some ? l : some - 1) * n, n * sizeof(double));
+      from = padded;
+    }
+    Joints joints;
+    read_records(from, n, joints);
+    Vec distance = margin_of(limits, n, joints), best;
+    if (!reduced_joints(chain, n, joints)) return false;
+    if constexpr (axes == 6) {
+      best = six_axis_manipulability(chain, joints);
+    } else {
+      Vec numbers[6 * max_axes];
+      columns(chain, joints, pieper::JacobianKind::geometric, numbers);
+      best = square_root(manipulability(numbers, n));
+    }
+    if (some == lanes) {
+      store(measure + k, best), store(margin + k, distance);
+    } else {
+      for (std::size_t l = 0; l < some; ++l) measure[k + l] = lane(best, l), margin[k + l] = lane(distance, l);
+    }
+  }
+  return true;
+}
+
+bool score(const Folded& chain, const double* limits, const double* q, std::size_t count, double* measure,
+           double* margin) {
+  return six_turn(chain) ? score_of<6>(chain, limits, q, count, measure, margin)
+                         : score_of<0>(chain, limits, q, count, measure, margin);
+}
+
+void singular_values(const double* jacobians, std::size_t count, std::size_t n, std::size_t rows, double* product,
+                     double* smallest) {
+  const bool wide = n >= rows;
+  const std::size_t vectors = wide ? rows : n, length = wide ? n : rows;
+  for (std::size_t k = 0; k < count; k += lanes) {
+    Vec of[6][max_axes];
+    for (std::size_t l = 0; l < lanes; ++l) {
+      const double* J = jacobians + (k + l < count ? k + l : count - 1) * 6 * n;
+      for (std::size_t i = 0; i < vectors; ++i)
+        for (std::size_t j = 0; j < length; ++j) lane(of[i][j], l) = wide ? J[i * n + j] : J[j * n + i];
+    }
+    Vec all, least;
+    singular_values_of(of, vectors, length, all, least);
+    for (std::size_t l = 0; l < lanes && k + l < count; ++l)
+      product[k + l] = lane(all, l), smallest[k + l] = lane(least, l);
+  }
+}
+
 void pose_and_jacobian(const Folded& chain, const double* q, double* pose, double* jacobian) {
   double joints[max_axes];
   load_joints(chain, q, joints);
@@ -241,6 +305,8 @@ const Kernels PIEPER_JOIN(kernels_, PIEPER_ISA){PIEPER_TEXT(PIEPER_ISA),
                                                 solve_numeric_target,
                                                 solve_closed_form_of,
                                                 arctangents,
+                                                score,
+                                                singular_values,
                                                 &PIEPER_JOIN(general_kernels_, PIEPER_ISA),
                                                 &PIEPER_JOIN(segmentation_kernels_, PIEPER_ISA)};
 }  // namespace pieper

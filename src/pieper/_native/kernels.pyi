@@ -59,6 +59,11 @@ class NativeChain:
         Joints (..., k, n) that were found for poses (..., 4, 4), with errors (..., k) that are NaN where there is none, in the order of their use: q, valid, position_error, rotation_error, within_limits, branch with `most` places, or with as many as are needed where that is 0, status (...), and how many were not reached.
         """
 
+    def score_answers(self, q: object, counted: object, poses: int, rows: int, alike: float, measures: bool, threads: int) -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]:
+        """
+        Of answers (g * poses, k, n), those marked (g * poses, k), for each group of poses that follow each other, all (g,): poses with an answer, answers, most of one pose; greatest manipulability over `rows` of the Jacobian, smallest singular value of the best, greatest distance to the limits, the last three empty without measures.
+        """
+
 class RotationTarget(enum.Enum):
     free = 0
 

@@ -40,6 +40,7 @@ def place(
     position_only: Annotated[
         bool, typer.Option("--position-only", help="Leave the orientation of the poses aside.")
     ] = False,
+    workers: Annotated[int, typer.Option("--workers", metavar="N", help="Processes.")] = 1,
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FILE.csv", help="Write every base pose with its scores.")
     ] = None,
@@ -70,7 +71,7 @@ def place(
     for name in names:
         robot = with_tool(load(name), tool, tool_rpy)
         bases = placing.grid_of_bases(*_box(robot.chain, targets, x, y, step), z, step=step, yaws=yaws)
-        tried.append(_with_progress(robot.name, robot, targets, bases, alone or position_only))
+        tried.append(_with_progress(robot.name, robot, targets, bases, alone or position_only, workers))
     best = max(range(len(tried)), key=lambda i: (*tried[i].score, -i))
     if json:
         print_json({"best": best, "arms": [_record(each) for each in tried]})
@@ -101,7 +102,9 @@ def _box(chain: Any, targets: FloatArray, x: Span | None, y: Span | None, step: 
     return x or spans[0], y or spans[1]
 
 
-def _with_progress(name: str, robot: Any, targets: FloatArray, bases: FloatArray, position_only: bool) -> Placement:
+def _with_progress(
+    name: str, robot: Any, targets: FloatArray, bases: FloatArray, position_only: bool, workers: int
+) -> Placement:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -116,6 +119,7 @@ def _with_progress(name: str, robot: Any, targets: FloatArray, bases: FloatArray
             targets,
             bases,
             position_only=position_only,
+            workers=workers,
             progress=lambda done, of: bar.update(task, completed=done, total=of),
         )
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from pieper.arm import Arm
+    from pieper.motion.world import World
     from pieper.workspace.map import Summary, WorkspaceMap
     from pieper.workspace.run import Progress, Workers
     from pieper.workspace.store import Store
@@ -61,6 +62,12 @@ def workspace(
     collision: Annotated[
         bool, typer.Option("--collision", help="Count only answers in which the arm does not touch itself. Slow.")
     ] = False,
+    world: Annotated[
+        Path | None,
+        typer.Option(
+            "--world", metavar="FILE", help="And nothing in this YAML file of obstacles, in the base frame. Slow."
+        ),
+    ] = None,
     margin: Annotated[float, typer.Option("--margin", metavar="M", help="Distance that is kept then [m].")] = 0.0,
     counts_only: Annotated[
         bool, typer.Option("--counts-only", help="Poses and solutions alone, without measures of how good they are.")
@@ -103,7 +110,7 @@ def workspace(
     from pieper.workspace.survey import survey
 
     files = exports or []
-    _check(out, resume, workers, dask, figure, files, show)
+    _check(out, resume, workers, dask, figure, files, show, world)
     robot = with_tool(load(arm, base=base, tip=tip, nominal=nominal), tool, tool_rpy)
     asked = survey(
         robot,
@@ -114,6 +121,7 @@ def workspace(
         seed=seed,
         redundancy=redundancy,
         collision=collision,
+        world=None if world is None else _world(world),
         margin=margin,
         measures=not counts_only,
         chunk=chunk,
@@ -144,6 +152,12 @@ def workspace(
     return 0 if summary.reachable > 0.0 else 1
 
 
+def _world(file: Path) -> World:
+    from pieper.motion.world import read_world
+
+    return read_world(file)
+
+
 def with_tool(robot: Arm, tool: tuple[float, float, float] | None, rpy: tuple[float, float, float] | None) -> Arm:
     """The arm with the tool that was asked for."""
     if tool is None and rpy is None:
@@ -167,6 +181,7 @@ def _check(
     figure: Path | None,
     files: list[Path],
     show: str,
+    world: Path | None,
 ) -> None:
     """What can be said before any work."""
     from pieper.errors import unknown_name
@@ -185,7 +200,7 @@ def _check(
         plot.checked_file(figure)
     if show not in UNITS:
         raise unknown_name("quantity", show, sorted(UNITS), "a workspace map")
-    keep_apart([], {"--out": out, "--figure": figure, **{f"--export {file}": file for file in files}})
+    keep_apart([world], {"--out": out, "--figure": figure, **{f"--export {file}": file for file in files}})
 
 
 def _layer(text: str) -> tuple[str, float]:

@@ -11,7 +11,6 @@ from pieper.errors import MapError
 from pieper.ik import redundancy
 from pieper.ik.solve import solver
 from pieper.ik.target import ignore_orientation, position_and_axis
-from pieper.kinematics.manipulability import distance_to_singularity, manipulability
 from pieper.workspace.survey import LINE, Survey
 
 if TYPE_CHECKING:
@@ -44,7 +43,7 @@ _PLACES = 26_000
 """Places for answers that are worked on together: these arrays stay in the cache."""
 
 
-_ALIKE = 1e-9
+ALIKE = 1e-9
 """Answers whose measures differ by less, relatively, are equally good: mirror images often are, but for rounding."""
 
 
@@ -82,7 +81,6 @@ class Measurer:
         self.chain = survey.chain
         self.solver = solver(survey.chain)
         self._values = self._joint = self._free = None
-        self._middle, self._half = _ranges(survey.chain.limits)
         self._rows = 3 if survey.kind == "position" else 6
         places = 8
         if survey.redundancy > 1 or survey.chain.dof == 7:
@@ -110,25 +108,23 @@ class Measurer:
 
     def _measure(self, centres: FloatArray, out: dict[str, NDArray[Any]]) -> None:
         answers = self._answers(centres)
-        n, places, m = self.chain.dof, answers.valid.shape[-1], self.survey.samples
-        if not places:
+        m = self.survey.samples
+        if not answers.valid.shape[-1]:
             return
-        at = np.flatnonzero(answers.within_limits)
-        if not len(at):
-            return
-        q = np.take(answers.q.reshape(-1, n), at, axis=0)
-        pose = at // places
+        counted = np.ascontiguousarray(answers.within_limits)
+        q = np.ascontiguousarray(answers.q)
         if self._free is not None:
-            free = self._free(q)
-            q, pose = q[free], pose[free]
-            if not len(q):
-                return
-        counts = self._counts(q, pose, len(centres) * m).reshape(len(centres), m)
-        out["reached"][:] = np.count_nonzero(counts, axis=1)
-        out["solutions"][:] = counts.sum(axis=1)
-        out["most_solutions"][:] = counts.max(axis=1)
-        if self.survey.measures:
-            self._best(q, pose // m, out)
+            counted = counted.copy()
+            counted[counted] = self._free(q[counted])
+        measures = self.survey.measures
+        found = self.chain.native.score_answers(q, counted, m, self._rows, ALIKE, measures, 1)
+        names = ("reached", "solutions", "most_solutions", "manipulability", "singularity", "limit_margin")
+        for name, values in zip(names[: 6 if measures else 3], found, strict=False):
+            out[name][:] = values
+        if self._values is not None and len(self._values) > 1:
+            branches = self._branches(q, counted).reshape(len(centres), m)
+            out["solutions"][:] = branches.sum(axis=1)
+            out["most_solutions"][:] = branches.max(axis=1)
 
     def _answers(self, centres: FloatArray) -> IKSolutions:
         survey = self.survey
@@ -142,57 +138,16 @@ class Measurer:
         T[..., :3, 3] = centres[:, None]
         return self.solver.solve(T.reshape(-1, 4, 4), redundancy=self._values)
 
-    def _counts(self, q: FloatArray, pose: NDArray[np.int64], poses: int) -> NDArray[np.int64]:
-        """(poses,) answers; of seven joints the largest number for one value of the joint that is held."""
-        if self._values is None or self._joint is None or len(self._values) == 1:
-            return np.bincount(pose, minlength=poses)
-        held = np.abs(q[:, self._joint, None] - self._values).argmin(axis=1)
-        k = len(self._values)
-        return np.asarray(np.bincount(pose * k + held, minlength=poses * k).reshape(poses, k).max(axis=1))
-
-    def _best(self, q: FloatArray, voxel: NDArray[np.int64], out: dict[str, NDArray[Any]]) -> None:
-        """The best of all answers in each voxel; `voxel` (S,) rises."""
-        first = np.flatnonzero(np.diff(voxel, prepend=-1))
-        here = voxel[first]
-        measure = self._manipulability(q)
-        most = np.maximum.reduceat(measure, first)
-        out["manipulability"][here] = most
-        alike = np.flatnonzero(measure >= np.repeat(most * (1.0 - _ALIKE), np.diff(first, append=len(q))))
-        distance = distance_to_singularity(self.chain.native.jacobian(q[alike])[:, : self._rows])
-        out["singularity"][here] = np.maximum.reduceat(distance, np.flatnonzero(np.diff(voxel[alike], prepend=-1)))
-        out["limit_margin"][here] = np.maximum.reduceat(self._margin(q), first)  # overwrites q
-
-    def _margin(self, q: FloatArray) -> FloatArray:
-        """(S,) distance of the joint nearest to one of its limits [rad or m]."""
-        if self._middle is None or self._half is None:
-            lower, upper = self.chain.limits.T
-            return np.asarray(np.minimum(q - lower, upper - q).min(axis=1))
-        q -= self._middle
-        np.abs(q, out=q)
-        np.subtract(self._half, q, out=q)
-        margin = q[:, 0].copy()
-        for column in q.T[1:]:
-            np.minimum(margin, column, out=margin)
-        return margin
-
-    def _manipulability(self, q: FloatArray) -> FloatArray:
-        if self._rows == 6:
-            return self.chain.native.manipulability(q)
-        return manipulability(self.chain.native.jacobian(q)[:, : self._rows])
-
-
-def _ranges(limits: FloatArray) -> tuple[FloatArray | None, FloatArray | None]:
-    """(n,) middle and half of each joint's range; None where one is bounded on one side only."""
-    lower, upper = limits.T
-    endless = np.isinf(lower) & np.isinf(upper)
-    if (np.isinf(limits).any(axis=1) & ~endless).any():
-        return None, None
-    bounds = np.where(endless[:, None], 0.0, limits)
-    return bounds.mean(axis=1), np.where(endless, np.inf, 0.5 * (bounds[:, 1] - bounds[:, 0]))
+    def _branches(self, q: FloatArray, counted: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """(poses,) of seven joints, answers for the value of the joint that is held which has most."""
+        assert self._values is not None
+        held = np.abs(q[counted][:, self._joint, None] - self._values).argmin(axis=1)
+        pose, k = np.nonzero(counted)[0], len(self._values)
+        return np.asarray(np.bincount(pose * k + held, minlength=len(q) * k).reshape(len(q), k).max(axis=1))
 
 
 def _is_free(survey: Survey) -> Any:
     from pieper.arm import Arm
     from pieper.motion.collision import CollisionModel
 
-    return CollisionModel(Arm(survey.chain, survey.description), margin=survey.margin).is_free
+    return CollisionModel(Arm(survey.chain, survey.description), survey.world, margin=survey.margin).is_free

@@ -8,14 +8,16 @@ each pose in its best solution. Collisions are not looked at.
 from __future__ import annotations
 
 import csv
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pieper.atomic_file import replacing
-from pieper.errors import ArrayError
+from pieper.errors import ArrayError, MapError
 from pieper.ik import redundancy
 from pieper.ik.solve import solver
 from pieper.ik.target import ignore_orientation
@@ -23,10 +25,11 @@ from pieper.model.chain import Chain
 from pieper.spatial._checks import poses as checked_poses
 from pieper.spatial.rotation import from_quaternion, from_rpy
 from pieper.workspace.grid import positive, whole
+from pieper.workspace.run import Processes
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -100,6 +103,7 @@ def place(
     bases: ArrayLike,
     *,
     position_only: bool = False,
+    workers: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Placement:
     """Try base poses for a task.
@@ -113,13 +117,18 @@ def place(
         x, y, z [m] and yaw [rad] of the base in the world frame, see `grid_of_bases`.
     position_only : bool
         Leave the orientation of the poses aside. Arms with fewer than six joints can hardly reach whole poses that were not made for them.
+    workers : int
+        Processes; the scores do not depend on it. A program that asks for more than one starts under
+        ``if __name__ == "__main__":``.
     progress : callable, optional
         Told how many base poses are done, of how many.
 
     Raises
     ------
     ArrayError
-        No pose, no base pose, or a wrong shape.
+        No pose, no base pose, a wrong shape, or no worker.
+    MapError
+        A worker died.
 
     Examples
     --------
@@ -141,16 +150,38 @@ def place(
     if tried.ndim != 2 or tried.shape[1:] != (4,) or not len(tried) or not np.isfinite(tried).all():
         raise ArrayError(f"bases must be finite with shape (k, 4) and at least one row, got {np.shape(bases)}")
     m, k = len(targets), len(tried)
-    reached = np.zeros(k, dtype=np.int64)
-    margin, measure = np.full(k, np.nan), np.full(k, np.nan)
+    count = whole(workers, "workers")
     at_once = max(1, _AT_ONCE // m)
-    for start in range(0, k, at_once):
-        some = slice(start, start + at_once)
-        T = np.linalg.inv(base_poses(tried[some]))[:, None] @ targets
-        reached[some], margin[some], measure[some] = _score(chain, T, position_only=position_only)
+    parts = np.split(tried, range(at_once, k, at_once))
+    found = []
+    for part in _in_order(partial(_try, chain, targets, position_only), parts, count):
+        found.append(part)
         if progress is not None:
-            progress(min(start + at_once, k), k)
+            progress(min(len(found) * at_once, k), k)
+    reached, margin, measure = (np.concatenate(column) for column in zip(*found, strict=True))
     return Placement(chain.name, tried, reached, margin, measure, m)
+
+
+_Scores = tuple["NDArray[np.int64]", "FloatArray", "FloatArray"]
+
+
+def _in_order(work: Callable[[FloatArray], _Scores], parts: Sequence[FloatArray], workers: int) -> Iterator[_Scores]:
+    """What each part gives, one after the other, computed here or by processes."""
+    if workers == 1 or len(parts) == 1:
+        yield from map(work, parts)
+        return
+    hands = Processes(min(workers, len(parts)))
+    try:
+        yield from hands.open().map(work, parts)
+    except BrokenProcessPool as error:
+        raise MapError("a worker died while it tried base poses; try fewer workers, each needs memory") from error
+    finally:
+        hands.close()
+
+
+def _try(chain: Chain, targets: FloatArray, position_only: bool, bases: FloatArray) -> _Scores:
+    """Scores of some base poses."""
+    return _score(chain, np.linalg.inv(base_poses(bases))[:, None] @ targets, position_only=position_only)
 
 
 def _score(chain: Chain, T: FloatArray, *, position_only: bool) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:

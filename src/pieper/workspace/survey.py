@@ -21,6 +21,7 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,6 +34,7 @@ from pieper.ik.solve import solver
 from pieper.ik.target import ignore_orientation, position_and_axis
 from pieper.kinematics.reach import extent
 from pieper.model.chain import Chain
+from pieper.model.description import Mesh
 from pieper.workspace.grid import CHUNK, Grid, axis_number, grid_over, positive, whole
 from pieper.workspace.orientations import spread_directions, spread_rotations, spread_turns
 
@@ -40,7 +42,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from pieper.arm import Arm
-    from pieper.model.description import Description
+    from pieper.model.description import Description, Geometry
+    from pieper.motion.world import World
     from pieper.spatial._checks import FloatArray
 
 LINE = (0.36, 0.48, 0.8)
@@ -69,11 +72,13 @@ class Survey:
     redundancy : int
         Seven joints: values of the joint that is held for which each pose is solved; 1 for other arms.
     collision : bool
-        Whether answers in which the arm touches itself count as not reached.
+        Whether answers in which the arm touches itself, or what stands around it, count as not reached.
     margin : float
         Distance that is kept then [m].
     description : Description or None
         Where the solids of the arm are from, if collisions count.
+    world : World or None
+        What stands around the arm, in its base frame.
     measures : bool
         Whether manipulability, singularity and limit margin are looked at, or poses and solutions are counted alone.
     instructions : str
@@ -89,6 +94,7 @@ class Survey:
     collision: bool = False
     margin: float = 0.0
     description: Description | None = None
+    world: World | None = None
     measures: bool = True
     instructions: str = field(default_factory=kernels.instruction_set)
 
@@ -108,7 +114,10 @@ class Survey:
         }[self.kind]
         if self.redundancy > 1:
             asked += f", each for {self.redundancy} values of {redundancy.prepare(self.chain).joint_name}"
-        return asked + (f", nothing touching (margin {1e3 * self.margin:g} mm)" if self.collision else "")
+        if not self.collision:
+            return asked
+        around = f" among {len(self.world.items)} obstacles" if self.world is not None else ""
+        return f"{asked}, nothing touching{around} (margin {1e3 * self.margin:g} mm)"
 
     def rotations(self) -> FloatArray:
         """(samples, 3, 3): what is asked of the tip, for whole poses."""
@@ -151,9 +160,15 @@ class Survey:
         }
 
     def _solids_digest(self) -> str:
-        if not self.collision or self.description is None:
+        shapes: list[Any] = []
+        if self.collision and self.description is not None:
+            shapes += [(link.name, [repr(each) for each in link.collisions]) for link in self.description.links]
+        if self.collision and self.world is not None:
+            shapes += [
+                (item.name, _solid_words(item.solid), item.pose.tolist(), item.may_touch) for item in self.world.items
+            ]
+        if not shapes:
             return ""
-        shapes = [(link.name, [repr(each) for each in link.collisions]) for link in self.description.links]
         return hashlib.sha256(json.dumps(shapes).encode()).hexdigest()[:16]
 
 
@@ -167,6 +182,7 @@ def survey(
     seed: int = 0,
     redundancy: int = 16,
     collision: bool = False,
+    world: World | None = None,
     margin: float = 0.0,
     measures: bool = True,
     chunk: int = CHUNK,
@@ -191,6 +207,8 @@ def survey(
         Seven joints: values of the joint that is held. More of them find more.
     collision : bool
         Count only answers in which the arm does not touch itself (extra ``plan``).
+    world : World, optional
+        What stands around the arm, in its base frame: count only answers in which it touches neither that nor itself.
     margin : float
         Distance that is kept then [m].
     measures : bool
@@ -220,6 +238,7 @@ def survey(
     if not 0.0 <= margin < np.inf:
         raise ArrayError(f"margin must be a distance of at least 0 [m], got {margin!r}")
     kind = _kind(chain)
+    collision = bool(collision) or world is not None
     grid = _grid(chain, voxel, box, layer, chunk)
     return Survey(
         chain=chain,
@@ -228,9 +247,10 @@ def survey(
         samples=1 if kind == "position" else count,
         seed=turned,
         redundancy=values if chain.dof == _REDUNDANT else 1,
-        collision=bool(collision),
+        collision=collision,
         margin=float(margin) if collision else 0.0,
         description=description if collision else None,
+        world=world,
         measures=bool(measures),
     )
 
@@ -288,6 +308,15 @@ def _grid(chain: Chain, voxel: float, box: ArrayLike | None, layer: tuple[str, f
         what = "the layer" if layer is not None and box is None else "the box"
         raise ArrayError(f"{what} is outside the reach of {chain.name!r}, whose tip gets to {spans} m")
     return grid_over(corners, voxel, chunk=chunk)
+
+
+def _solid_words(solid: Geometry) -> str:
+    """A solid as it is compared: of a mesh what is in its file, wherever that lies."""
+    if isinstance(solid, Mesh):
+        content = Path(solid.path or solid.filename).read_bytes()
+        return f"mesh {hashlib.sha256(content).hexdigest()} scaled by {np.asarray(solid.scale).tolist()}"
+    sizes = {name: np.asarray(value).tolist() for name, value in vars(solid).items()}
+    return f"{type(solid).__name__} {sizes}"
 
 
 def _finite(value: float) -> float | None:
