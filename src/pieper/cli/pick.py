@@ -97,11 +97,15 @@ def pick(
     out = console()
     if done:
         out.print(
-            f"{len(done)} cycles are in {log} already, {sum(c.placed for c in done)} of them placed", markup=False
+            f"{len(done)} cycles are in {log} already, {sum(c.placed for c in done)} of them placed",
+            markup=False,
+            soft_wrap=True,
         )
     if len(done) >= cycles:
         if record is not None:
-            out.print(f"nothing is left to do, and nothing to film: {record} is not written", markup=False)
+            out.print(
+                f"nothing is left to do, and nothing to film: {record} is not written", markup=False, soft_wrap=True
+            )
         return _count(done)
     filmed: list[Recording] = []
     pages: list[PickView] = []
