@@ -124,9 +124,9 @@ class DeadlyPool(futures.Executor):
 
 def test_a_chunk_that_takes_down_two_workers_is_tried_once_more() -> None:
     question = asked()
-    workers = Deadly(7, times=3)  # the first time it is one of several, which are then tried one by one
+    workers = Deadly(7, times=2)  # the first time it may be one of several under way, which are then tried one by one
     assert bits(run(question, workers=workers)) == bits(run(question))
-    assert workers.opened == 4
+    assert workers.opened == 3
 
 
 def test_a_chunk_that_takes_down_every_worker_is_named_and_the_rest_is_kept(tmp_path: Path) -> None:

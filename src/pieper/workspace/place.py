@@ -218,6 +218,8 @@ def grid_of_bases(
     ArrayError
         A step or number that is not positive, a range that goes backwards, or more than `MOST_BASES` base poses.
 
+    Examples
+    --------
     >>> grid_of_bases([0.0, 0.2], [0.0, 0.0], [0.0, 0.0], step=0.1, yaws=2).shape
     (6, 4)
     """
