@@ -29,7 +29,7 @@ DOMAIN = 216 + os.getpid() % 15  # whose ports the kernel gives to nobody else
 MEMORY = (
     32.0  # MiB that a node may grow by: buffers of the interpreter and of Cyclone; an attack that is kept sends more
 )
-RECOVERY = 15.0  # s: a stalled machine may take long, so this is only where the waiting ends
+RECOVERY = 45.0  # s: a stalled machine may take long, so this is only where the waiting ends
 
 
 @pytest.fixture(scope="module")
