@@ -95,7 +95,7 @@ ensure_fast_dds() {
 ensure_gl() {
   local given_up=$root/build/without-gl
   if [ "$(uname -s)" != Linux ] || [ -e "$given_up" ] || draws_without_a_screen; then return; fi
-  ( install_debian "OpenGL that draws without a screen is" libegl1 libgl1-mesa-dri ) && draws_without_a_screen || {
+  ( install_debian "OpenGL that draws without a screen is" libegl1 libopengl0 libgl1-mesa-dri ) && draws_without_a_screen || {
     mkdir -p "$root/build"
     touch "$given_up"
     say "   nothing can be drawn, and the tests that do will be skipped; to try again, remove build/without-gl"

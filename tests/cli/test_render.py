@@ -230,5 +230,5 @@ def test_a_missing_library_has_its_own_exit_code(pieper_command, monkeypatch, tm
     monkeypatch.setattr("sys.platform", "linux")
     result = pieper_command("render", "ur5e", tmp_path / "arm.png")
     assert result.code == 3
-    assert "install Debian's packages libegl1 libgl1-mesa-dri, or libosmesa6" in result.err
+    assert "install Debian's packages libegl1 libopengl0 libgl1-mesa-dri, or libosmesa6" in result.err
     assert not list(tmp_path.iterdir())

@@ -14,7 +14,7 @@ from pieper.sim.picture import Picture
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the choice of libraries is one of Linux")
 @pytest.mark.parametrize(
-    ("choice", "packages"), [("", "libegl1 libgl1-mesa-dri, or libosmesa6"), ("osmesa", "libosmesa6")]
+    ("choice", "packages"), [("", "libegl1 libopengl0 libgl1-mesa-dri, or libosmesa6"), ("osmesa", "libosmesa6")]
 )
 def test_a_missing_gl_library_is_named_with_its_debian_packages(monkeypatch, choice, packages):
     def missing(name, width, height):

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 PURPOSE = "drawing pictures without a screen"
 LARGEST_SIDE = 4096  # pixels; twice as many are drawn for smooth edges, and graphics cards stop at 16384
 
-_PACKAGES = {"egl": "libegl1 libgl1-mesa-dri", "osmesa": "libosmesa6"}
+_PACKAGES = {"egl": "libegl1 libopengl0 libgl1-mesa-dri", "osmesa": "libosmesa6"}
 
 
 class Pixels(NamedTuple):
