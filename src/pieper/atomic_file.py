@@ -51,11 +51,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     (b'done', 1)
     """
     asked = Path(path)
-    if asked.is_dir():
-        raise IsADirectoryError(21, "is a folder, not a file", str(asked))
-    target = asked.resolve() if asked.is_symlink() else asked
-    if not target.parent.is_dir():
-        raise FileNotFoundError(2, "no such folder", str(target.parent))
+    target = _target(asked)
     mode = _mode(target)
     if mode is not None and not stat.S_ISREG(mode):
         with _into(target) as unfinished:
@@ -88,11 +84,7 @@ def check_place(path: str | os.PathLike[str]) -> None:
         As from `replacing`.
     """
     asked = Path(path)
-    if asked.is_dir():
-        raise IsADirectoryError(21, "is a folder, not a file", str(asked))
-    target = asked.resolve() if asked.is_symlink() else asked
-    if not target.parent.is_dir():
-        raise FileNotFoundError(2, "no such folder", str(target.parent))
+    target = _target(asked)
     mode = _mode(target)
     if mode is not None and not stat.S_ISREG(mode):
         return
@@ -112,6 +104,16 @@ def write_bytes(path: str | os.PathLike[str], raw: bytes) -> None:
 def write_text(path: str | os.PathLike[str], text: str) -> None:
     """Write a text file in UTF-8, whole or not at all; see `replacing`."""
     write_bytes(path, text.encode())
+
+
+def _target(asked: Path) -> Path:
+    """What is to be replaced: the file itself, or that which a link leads to."""
+    if asked.is_dir():
+        raise IsADirectoryError(21, "is a folder, not a file", str(asked))
+    target = asked.resolve() if asked.is_symlink() else asked
+    if not target.parent.is_dir():
+        raise FileNotFoundError(2, "no such folder", str(target.parent))
+    return target
 
 
 def _mode(path: Path) -> int | None:

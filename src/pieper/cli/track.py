@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import signal
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -14,7 +12,7 @@ import typer
 
 from pieper.cli.outputs import keep_apart
 from pieper.cli.show import console
-from pieper.cli.signals import handled
+from pieper.cli.signals import stopped_once
 from pieper.errors import VisionError, unknown_name
 
 if TYPE_CHECKING:
@@ -133,7 +131,7 @@ def track(
         film = _film(stack, video, frames, resumed)
         overlay = Overlay(view, colors=dict(zip(model.names, model.draw, strict=True)), height=heights, trail=trail)
         try:
-            with _interruptible(frames) as signals, _progress(frames, start, stop, resumed) as advance:
+            with stopped_once(frames.stop) as signals, _progress(frames, start, stop, resumed) as advance:
 
                 def on_step(frame: Frame, step: Found) -> None:
                     if verbose:
@@ -260,24 +258,6 @@ def _film(stack: ExitStack, video: Path | None, frames: Source, resumed: Resumed
     film = VideoFile(video, fps=frames.info.fps or FPS)
     stack.callback(film.close)
     return film
-
-
-@contextmanager
-def _interruptible(frames: Source) -> Iterator[list[int]]:
-    """Ctrl-C, or an order to end, stops after the frame at hand; a second one at once. Gives the signals that came."""
-    came: list[int] = []
-    if threading.current_thread() is not threading.main_thread():
-        yield came
-        return
-
-    def stop(number: int, _: object) -> None:
-        if came:
-            raise KeyboardInterrupt
-        came.append(number)
-        frames.stop()
-
-    with handled((signal.SIGINT, signal.SIGTERM), stop):
-        yield came
 
 
 @contextmanager

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
-import threading
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,7 +12,7 @@ import typer
 from pieper.cli.arguments import ArmName, Base, Json, Nominal, Tip, load
 from pieper.cli.outputs import keep_apart
 from pieper.cli.show import console, print_json
-from pieper.cli.signals import handled
+from pieper.cli.signals import stopped_once
 from pieper.errors import ArrayError
 
 if TYPE_CHECKING:
@@ -239,7 +237,7 @@ def _make(asked: Survey, hands: Workers, out: Path | None, *, resume: bool) -> t
         kept: Store | None = None
         if out is not None:
             kept = stores.resume(out, asked) if begun else stores.create(out, asked)
-        with _stopped_by_signal() as came, _progress(asked) as advance:
+        with stopped_once(_say_stopping) as came, _progress(asked) as advance:
 
             def tell(step: Progress) -> None:
                 told[:] = [step]
@@ -250,22 +248,8 @@ def _make(asked: Survey, hands: Workers, out: Path | None, *, resume: bool) -> t
         hands.close()
 
 
-@contextmanager
-def _stopped_by_signal() -> Iterator[list[int]]:
-    """Ctrl-C, or an order to end, finishes the chunks under way; a second one ends at once."""
-    came: list[int] = []
-    if threading.current_thread() is not threading.main_thread():
-        yield came
-        return
-
-    def stop(number: int, _: object) -> None:
-        if came:
-            raise KeyboardInterrupt
-        came.append(number)
-        typer.echo("\nfinishing the chunks under way; once more to leave at once", err=True)
-
-    with handled((signal.SIGINT, signal.SIGTERM), stop):
-        yield came
+def _say_stopping() -> None:
+    typer.echo("\nfinishing the chunks under way; once more to leave at once", err=True)
 
 
 @contextmanager
