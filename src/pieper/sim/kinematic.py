@@ -138,12 +138,7 @@ class KinematicSimulator(Simulator):
         ArrayError
             Time cannot pass like that.
         """
-        try:
-            passed = float(dt)
-        except (TypeError, ValueError) as cause:
-            raise ArrayError(f"dt must be a number of seconds, got {dt!r}") from cause
-        if not 0.0 <= passed <= LONGEST_STEP:
-            raise ArrayError(f"dt must be from 0 to {LONGEST_STEP:g} s, got {dt!r}")
+        passed = seconds(dt, LONGEST_STEP)
         self._time += passed
         return self.read()
 
@@ -263,6 +258,23 @@ def joint_vector(
         except (TypeError, ValueError) as cause:
             raise ArrayError(f"{name} of joint {joint!r} must be a number, got {value!r}") from cause
     return vector
+
+
+def seconds(dt: float, longest: float) -> float:
+    """A step of time as a number [s].
+
+    Raises
+    ------
+    ArrayError
+        It is no number, before 0, or above `longest`.
+    """
+    try:
+        passed = float(dt)
+    except (TypeError, ValueError) as cause:
+        raise ArrayError(f"dt must be a number of seconds, got {dt!r}") from cause
+    if not 0.0 <= passed <= longest:
+        raise ArrayError(f"dt must be from 0 to {longest:g} s, got {dt!r}")
+    return passed
 
 
 def joined(trajectory: Trajectory, here: RobotState) -> Trajectory:

@@ -18,7 +18,7 @@ from pieper.motion.joint_move import joint_move
 from pieper.motion.limits import JointLimits
 from pieper.motion.robot import RobotState, Simulator
 from pieper.sim.gripper import GripperDrive, ParallelGripper, add_gripper
-from pieper.sim.kinematic import joined, joint_vector
+from pieper.sim.kinematic import joined, joint_vector, seconds
 from pieper.sim.mujoco_arm import axis_name, body_name, build_arm, quaternion
 from pieper.sim.offscreen import import_mujoco
 from pieper.sim.pierced import CapsulesAndBoxes
@@ -259,12 +259,7 @@ class MujocoSimulator(Simulator):
         MotionError
             The physics has lost its way; what was simulated since then is no use.
         """
-        try:
-            passed = float(dt)
-        except (TypeError, ValueError) as cause:
-            raise ArrayError(f"dt must be a number of seconds, got {dt!r}") from cause
-        if not 0.0 <= passed <= LONGEST_STEP:
-            raise ArrayError(f"dt must be from 0 to {LONGEST_STEP:g} s, got {dt!r}")
+        passed = seconds(dt, LONGEST_STEP)
         self._left_over += passed / self.timestep
         count = int(self._left_over + 1e-6)
         self._left_over = max(self._left_over - count, 0.0)
