@@ -311,7 +311,7 @@ def _quaternion_of_one(rows: list[list[float]]) -> list[float]:
 
 
 def canonical(quaternion: FloatArray) -> FloatArray:
-    """Of ``q`` and ``-q`` the one with ``w > 0``, or at ``w = 0`` with its first non-zero component positive."""
+    """Of the quaternions ``q`` and ``-q``, (..., 4) xyzw, the one with ``w > 0``, or at ``w = 0`` with its first non-zero component positive."""
     x, y, z, w = (quaternion[..., i] for i in range(4))
     deciding = np.where(w != 0.0, w, np.where(x != 0.0, x, np.where(y != 0.0, y, z)))
     return np.where((deciding < 0.0)[..., None], -quaternion, quaternion) + 0.0  # + 0.0 turns -0.0 into 0.0
@@ -324,7 +324,7 @@ def rotation_vector_from_quaternion(quaternion: FloatArray) -> FloatArray:
 
 
 def unit_and_length(vector: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Direction and Euclidean length along the last axis; the direction of a zero vector is zero.
+    """Direction (..., k) and Euclidean length (...) of vectors (..., k); the direction of a zero vector is zero.
 
     The squares of the components neither underflow nor overflow, and a length past the largest double is that double.
     """
