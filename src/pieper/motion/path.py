@@ -90,7 +90,7 @@ class CartesianPath:
 
     @property
     def corners(self) -> FloatArray:
-        """Lengths inside the path at which direction or curvature jump [m]: a move with bounded jerk comes to rest there."""
+        """Lengths inside the path at which direction or curvature jump, (k,) [m]: a move with bounded jerk comes to rest there."""
         bounds, found = self.bounds, []
         for k in range(1, len(self.pieces)):
             ends = zip(_SMOOTH, _end(self.pieces[k - 1]), _beginning(self.pieces[k]), strict=True)
@@ -202,6 +202,11 @@ def line(T_start: ArrayLike, T_goal: ArrayLike, *, radius: float = METRES_PER_RA
     radius : float
         What a radian counts in the length [m/rad].
 
+    Returns
+    -------
+    CartesianPath
+        Poses by length along the path [m].
+
     Raises
     ------
     ArrayError
@@ -235,10 +240,17 @@ def arc_through(
     radius : float
         What a radian counts in the length [m/rad]. Not that of the circle.
 
+    Returns
+    -------
+    CartesianPath
+        Poses by length along the path [m].
+
     Raises
     ------
     MotionError
         Three points on a line or two that are the same, which are on no circle; orientations half a turn apart.
+    ArrayError
+        No poses or no point, or a radius that is not above 0.
 
     Examples
     --------
@@ -296,6 +308,18 @@ def arc_about(
         Whether the tip turns with the arc or keeps its orientation.
     radius : float
         What a radian counts in the length [m/rad].
+
+    Returns
+    -------
+    CartesianPath
+        Poses by length along the path [m].
+
+    Raises
+    ------
+    ArrayError
+        No pose, a centre or an axis of another shape, an axis of length 0, an angle or a radius that is none.
+    UnknownNameError
+        Another orientation than these two.
 
     Examples
     --------
@@ -444,10 +468,17 @@ def spline(Ts_base_tcp: ArrayLike, *, radius: float = METRES_PER_RADIAN) -> Cart
     radius : float
         What a radian counts in the length [m/rad].
 
+    Returns
+    -------
+    CartesianPath
+        Poses by length along the path [m].
+
     Raises
     ------
     MotionError
         A pose that is the one before it again, or orientations half a turn apart; the message tells which.
+    ArrayError
+        No poses, fewer than two, or a radius that is not above 0.
 
     References
     ----------
@@ -508,6 +539,11 @@ def join(paths: Sequence[CartesianPath], *, blend: float = 0.0) -> CartesianPath
         Each begins at the pose where the one before it ends, to 1e-9 m and rad. One of no length is left out.
     blend : float
         Length that a rounding takes of each side [m]; 0 keeps corners, at which a move comes to rest.
+
+    Returns
+    -------
+    CartesianPath
+        Poses by length along the path [m].
 
     Raises
     ------
