@@ -123,7 +123,7 @@ class Section:
         return number
 
     def array(self, key: str, shape: tuple[int | None, ...], default: Any = _MISSING) -> NDArray[np.float64]:
-        """Return finite numbers in nested lists of a shape, in which None stands for any length."""
+        """Return finite numbers in nested lists of a shape, such as (None, 3), in which None stands for any length."""
         if key not in self._rows:
             return self._default(key, default)  # type: ignore[no-any-return]
         values = self._nested(key, self._rows[key], len(shape))
