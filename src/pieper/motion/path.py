@@ -390,7 +390,7 @@ def join(paths: Sequence[CartesianPath], *, blend: float = 0.0) -> CartesianPath
     """
     given = tuple(paths)
     if not given:
-        raise ArrayError("join needs at least one path")
+        raise ArrayError("join needs at least one path, got none")
     if not (np.isfinite(blend) and blend >= 0.0):
         raise ArrayError(f"blend must be 0 or more [m], got {blend!r}")
     radius = given[0].radius

@@ -254,7 +254,7 @@ class _Poses:
             s, T = path.sample(count=count, step=step)
             return cls(s, T, path.at, path.corners)
         if count is not None or step is not None:
-            raise ArrayError("count and step sample a CartesianPath; poses are taken as they are")
+            raise ArrayError("count and step sample a CartesianPath; poses are taken as they are: leave both out")
         Ts = np.ascontiguousarray(poses(path, "path"))
         if Ts.ndim != 3 or not len(Ts):
             raise ArrayError(f"path must be a CartesianPath or poses of shape (m, 4, 4), got {Ts.shape}")

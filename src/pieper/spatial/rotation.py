@@ -265,7 +265,9 @@ def from_axis_angle(axis: ArrayLike, angle: ArrayLike) -> FloatArray:
     direction, turn = np.broadcast_to(direction, (*shape, 3)), np.broadcast_to(turn, shape)
     zero = np.asarray(~direction.any(axis=-1))
     if (zero & (turn != 0.0)).any():
-        raise ArrayError("axis must not be zero where the angle is not zero")
+        raise ArrayError(
+            "axis must not be zero where the angle is not zero; give it a direction, for example [0, 0, 1]"
+        )
     return _matrix_of_turn(unit_and_length(direction)[0], turn)
 
 
