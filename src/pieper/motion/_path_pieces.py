@@ -197,7 +197,7 @@ class Rounding:
 
     @cached_property
     def _corner(self) -> FloatArray:
-        return self.after.poses(np.zeros(1))[0]
+        return np.asarray(self.after.poses(np.zeros(1))[0])
 
     def __call__(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         S = u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
