@@ -300,7 +300,7 @@ class SolutionCurve:
         """
         places = np.asarray(s, dtype=float)
         if not np.isfinite(places).all():
-            raise ArrayError("s must be finite")
+            raise ArrayError(f"s must be finite, got {places[~np.isfinite(places)].flat[0]}")
         if not self.closed and places.size and not (places.min() >= 0.0 and places.max() <= self.length):
             raise ArrayError(
                 f"s must be from 0 to {self.length:.6g}, the ends of this curve, got {places.min():.6g} to {places.max():.6g}"

@@ -504,7 +504,9 @@ def track_branches(solutions: RedundantSolutions, curves: list[SolutionCurve]) -
         return branch
     held = np.flatnonzero((solutions.q[left] == solutions.value[left, None]).all(axis=0))
     if not len(held):
-        raise ArrayError("branches are followed along values of a joint, and these solutions are those of other values")
+        raise ArrayError(
+            "branches are followed along values of one joint, and these solutions are not; solve with `samples`, or name a joint"
+        )
     gap = 1.001 * float(np.diff(np.unique(solutions.value)).max(initial=0.0))
     count = 0
     for curve in curves:

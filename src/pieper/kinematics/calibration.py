@@ -297,7 +297,7 @@ def _free_sets(free: Iterable[str]) -> tuple[str, ...]:
         if name not in SETS:
             raise unknown_name("set of parameters", str(name), SETS)
     if not names:
-        raise ArrayError(f"free must name what may change: {', '.join(SETS)}")
+        raise ArrayError(f"free must name what may change, some of {', '.join(SETS)}, got none")
     return tuple(name for name in SETS if name in names)
 
 
@@ -344,7 +344,7 @@ def _weights(
 
 def _refuse_useless(chain: Chain, q: FloatArray, T: FloatArray, positions_only: bool) -> None:
     if not len(q):
-        raise ArrayError("no measurements were given")
+        raise ArrayError("q and measured must hold at least one measurement, better some thirty, got none")
     if len(q) > 1 and (q == q[0]).all():
         raise ArrayError(f"all {len(q)} measurements have the same joint values; move the arm between them")
     p = T[:, :3, 3]

@@ -53,7 +53,7 @@ def read_measurements(path: str | Path, chain: Chain) -> tuple[FloatArray, Float
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as cause:
-        raise DescriptionError(str(path), "file", "is not text in UTF-8") from cause
+        raise DescriptionError(str(path), "file", "is not text in UTF-8; save it as CSV in that encoding") from cause
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
     if not lines:
         raise DescriptionError(str(path), "file", "is empty; its first line must name the columns")

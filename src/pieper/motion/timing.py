@@ -779,7 +779,7 @@ def _planned(ruckig: Any, asked: Any) -> Any:
     result = ruckig.Ruckig(asked.degrees_of_freedom).calculate(asked, found)
     if result not in (ruckig.Result.Working, ruckig.Result.Finished):
         raise MotionError(
-            f"no motion within limits was found ({result}); limits of very different sizes, or a move too small to time?"
+            f"no motion within limits was found ({result}); limits of very different sizes, or a move too small to time? raise the smallest limit"
         )
     return found
 
