@@ -45,7 +45,7 @@ def test_without_arguments_it_helps(pieper_command) -> None:
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["fkk", "mh12"], "No such command 'fkk'"),
+        (["fkk", "mh12"], "no verb 'fkk'; did you mean 'fk'?"),
         (["fk"], "Missing argument 'ARM'; see: pieper fk --help"),
         (["fk", "mh12", "0", "zero"], "see: pieper fk --help"),
         (["fk", "mh12", "--sede", "3"], "No such option: --sede"),

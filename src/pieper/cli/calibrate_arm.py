@@ -38,16 +38,23 @@ def calibrate_arm(
     measurements: Annotated[
         Path,
         typer.Argument(
-            metavar="FILE.csv",
-            help="Columns: the joints, or q1 ... qn; x y z [m]; for poses also qx qy qz qw.",
+            metavar="FILE",
+            help="A .csv of: the joints, or q1 ... qn; x y z [m]; for poses also qx qy qz qw.",
         ),
     ],
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Write the calibrated arm as .json (screws) or .urdf.")
+        Path | None,
+        typer.Option(
+            "--out", "-o", metavar="FILE", help="Write the result; the calibrated arm as .json (screws) or .urdf."
+        ),
     ] = None,
     free: Annotated[
         list[Free] | None,
-        typer.Option("--free", help="What may change, may be given several times; screws and home if not given."),
+        typer.Option(
+            "--free",
+            metavar="WHAT",
+            help="What may change: screws, home, offsets or base; screws and home by default. May be repeated.",
+        ),
     ] = None,
     position_sigma: Annotated[
         float | None, typer.Option("--position-sigma", metavar="M", help="Standard deviation of a position [m].")

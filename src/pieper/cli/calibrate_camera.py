@@ -27,11 +27,12 @@ def calibrate_camera(
             "and metres.",
         ),
     ] = "charuco:7x5:0.03:0.022",
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Where the camera is written.")] = Path(
-        "camera.yaml"
-    ),
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FILE", help="Write the result; the camera, .yaml.")
+    ] = Path("camera.yaml"),
     picture: Annotated[
-        Path | None, typer.Option("--picture", metavar="FILE", help="Draw what is left over into a .png or .jpg.")
+        Path | None,
+        typer.Option("--picture", metavar="FILE", help="Draw a picture; of what is left over, .png or .jpg."),
     ] = None,
     distortion: Annotated[
         int | None,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pieper.cli import completion
 from pieper.cli.outputs import keep_apart
 from pieper.cli.show import console
 from pieper.errors import VisionError
@@ -25,21 +26,21 @@ def calibrate_hand_eye(
         typer.Argument(metavar="[CAPTURES]", help="A .csv or .yaml file of poses, or a folder with poses.csv and images."),
     ] = None,
     camera_on: Annotated[
-        str, typer.Option("--camera-on", metavar="WHERE", help="hand, with the board standing still; or cell, with the board in the hand.")
+        str, typer.Option("--camera-on", metavar="WHERE", help="hand, with the board standing still; or cell, with the board in the hand.", autocompletion=completion.mounts)
     ] = "hand",
     arm: Annotated[
-        str | None, typer.Option("--arm", metavar="ARM", help="For captures that tell joint values, and for a plan.")
+        str | None, typer.Option("--arm", metavar="ARM", help="A built-in robot, or a URDF, xacro or JSON file; for captures that tell joint values, and for a plan.", autocompletion=completion.robots)
     ] = None,
     tip: Annotated[str | None, typer.Option("--tip", metavar="LINK", help="Link where the arm ends.")] = None,
     camera: Annotated[
         Path | None, typer.Option("--camera", metavar="FILE", help="The lens, camera.yaml; for images and for a plan.")
     ] = None,
     board: Annotated[str, typer.Option("--board", metavar="BOARD", help="As for calibrate-camera.")] = "charuco:7x5:0.03:0.022",
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Where the calibration is written.")] = Path("hand_eye.yaml"),
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Write the result; the calibration, .yaml.")] = Path("hand_eye.yaml"),
     plan: Annotated[
         Path | None, typer.Option("--plan", metavar="FILE", help="Write arm poses to look from, or to add, into a .csv.")
     ] = None,
-    count: Annotated[int, typer.Option("--count", metavar="N", help="How many poses to plan.")] = 12,
+    count: Annotated[int, typer.Option("--count", metavar="N", help="How many; poses of the plan.")] = 12,
     guess: Annotated[
         Path | None,
         typer.Option("--guess", metavar="FILE", help="For a plan without captures: about where camera and board are, as in the file that --out writes."),

@@ -35,8 +35,12 @@ class Format(str, Enum):
 
 def convert(
     arm: ArmName,
-    to: Annotated[Format, typer.Option("--to", help="What to write.")],
-    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write here instead of printing.")] = None,
+    to: Annotated[
+        Format, typer.Option("--to", metavar="FORM", help=f"What to write: {', '.join(form.value for form in Format)}.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the result; instead of printing it.")
+    ] = None,
     base: Base = None,
     tip: Tip = None,
     nominal: Nominal = False,

@@ -16,6 +16,7 @@ from typing import IO, Annotated, Any, NamedTuple
 
 import typer
 
+from pieper.cli.arguments import Json
 from pieper.cli.probes import BROKEN, EXTRAS, OK, PROBES, Finding
 from pieper.cli.show import console, print_json, print_table
 from pieper.cli.signals import handled
@@ -29,9 +30,9 @@ _CHILD = (
 
 def doctor(
     timeout: Annotated[
-        float, typer.Option("--timeout", metavar="SECONDS", help="How long each probe may take.", min=0.1)
+        float, typer.Option("--timeout", metavar="SECONDS", help="How long at most; for each probe.", min=0.1)
     ] = 30.0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON for scripts.")] = False,
+    as_json: Json = False,
 ) -> int:
     """Say what works on this machine, and what to do about what does not.
 

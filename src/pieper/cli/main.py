@@ -11,7 +11,8 @@ import re
 import sys
 import traceback
 import warnings
-from typing import TYPE_CHECKING, Annotated
+from types import ModuleType
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -43,6 +44,7 @@ from pieper.cli import (
     workspace,
 )
 from pieper.cli.node import RosCommand
+from pieper.cli.verb import Group, Verb
 from pieper.errors import MissingExtraError, MissingLibraryError, PieperError, PieperWarning
 
 if TYPE_CHECKING:
@@ -55,43 +57,66 @@ _UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # typer exports th
 
 app = typer.Typer(
     name="pieper",
+    cls=Group,
     help="Kinematics and inverse kinematics of serial robot arms.",
-    epilog="Lengths in metres, angles in radians unless --deg is given. Exit codes: 0 done or reached, 1 not reached, "
-    "2 bad input, 3 optional package missing.",
-    add_completion=False,
+    subcommand_metavar="VERB ...",
+    epilog="pieper VERB --help tells more, with an example. Lengths in metres, angles in radians unless --deg is given. "
+    "Exit codes: 0 done or reached, 1 not reached, 2 bad input, 3 optional package missing.",
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _verb, _summary in {
-    robots: "List the built-in robots.",
-    info: "Joints, limits, DH rows, screws and reach of an arm.",
-    fk: "Pose of the tip at given joint values.",
-    ik: "Joint values that reach a target.",
-    reach: "Reach a target from zero, and show the way.",
-    plan: "A motion around obstacles.",
-    move: "A motion within limits, into a file.",
-    render: "Draw an arm, or a film of its motion.",
-    view: "Open an arm in the browser.",
-    workspace: "Where an arm reaches, and how well.",
-    place: "Where to put the base, or which arm to take.",
-    pick: "Pick things and place them in a bin, by physics.",
-    convert: "Write an arm as DH rows, screws, URDF, formulas.",
-    calibrate_arm: "The axes of an arm, from measured tips.",
-    learn_colour: "Colours, from boxes on frames of a video.",
-    calibrate_camera: "A lens, from pictures of a printed board.",
-    track: "Follow coloured markers in a video or camera.",
-    calibrate_hand_eye: "Where a camera is on a robot.",
-    calibrate_field: "Where the field lies before a camera.",
-    synthesize: "A film of robots with markers, with exact truth.",
-    evaluate: "Tracks against the truth.",
-    doctor: "What works here, and what to do about gaps.",
-}.items():
-    _name = _verb.__name__.rpartition(".")[2]
-    app.command(_name.replace("_", "-"), short_help=_summary)(getattr(_verb, _name))
-app.command("learn-color", hidden=True)(learn_colour.learn_colour)
-app.add_typer(plot.app, name="plot", short_help="Figures of paths, joints, errors and models.")
-app.add_typer(ros.app, name="ros", short_help="ROS 2 nodes, without or with ROS.")
-app.command(cls=RosCommand, short_help="Start several nodes together.")(launch.launch)
+_PARTS: dict[str, dict[ModuleType, str]] = {
+    "Arms": {
+        robots: "List the built-in robots.",
+        info: "Joints, limits, DH rows, screws and reach of an arm.",
+        fk: "Pose of the tip at given joint values.",
+        ik: "Joint values that reach a target.",
+        reach: "Reach a target from zero, and show the way.",
+        convert: "Write an arm as DH rows, screws, URDF, formulas.",
+    },
+    "Motion": {
+        move: "A motion within limits, into a file.",
+        plan: "A motion around obstacles.",
+        pick: "Pick things and place them in a bin, by physics.",
+    },
+    "Space": {
+        workspace: "Where an arm reaches, and how well.",
+        place: "Where to put the base, or which arm to take.",
+    },
+    "Show": {
+        view: "Open an arm in the browser.",
+        render: "Draw an arm, or a film of its motion.",
+        plot: "Figures of paths, joints, errors and models.",
+    },
+    "Camera": {
+        learn_colour: "Colours, from boxes on frames of a video.",
+        track: "Follow coloured markers in a video or camera.",
+        synthesize: "A film of robots with markers, with exact truth.",
+        evaluate: "Tracks against the truth.",
+    },
+    "Measure": {
+        calibrate_camera: "A lens, from pictures of a printed board.",
+        calibrate_field: "Where the field lies before a camera.",
+        calibrate_hand_eye: "Where a camera is on a robot.",
+        calibrate_arm: "The axes of an arm, from measured tips.",
+    },
+    "ROS 2": {
+        ros: "Nodes, topics and services, without or with ROS.",
+        launch: "Start several nodes together.",
+    },
+    "Here": {
+        doctor: "What works here, and what to do about gaps.",
+    },
+}
+for _part, _verbs in _PARTS.items():
+    for _module, _summary in _verbs.items():
+        _name = _module.__name__.rpartition(".")[2]
+        _words: dict[str, Any] = {"name": _name.replace("_", "-"), "short_help": _summary, "rich_help_panel": _part}
+        if _module in (plot, ros):
+            app.add_typer(_module.app, **_words)
+        else:
+            app.command(cls=RosCommand if _module is launch else Verb, **_words)(getattr(_module, _name))
+app.command("learn-color", cls=Verb, hidden=True)(learn_colour.learn_colour)
 
 
 def _print_version(wanted: bool) -> None:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from pieper.cli.arguments import ArmName, Axis, Base, Degrees, Json, Nominal, Quaternion, Rpy, Tip, load
+from pieper.cli.arguments import ArmName, Axis, Base, Degrees, Json, Nominal, Quaternion, Rpy, Start, Tip, load
 from pieper.cli.show import console, print_json
-from pieper.cli.target import seed_values, wanted
+from pieper.cli.target import start_values, wanted
 from pieper.errors import PieperError
 
 if TYPE_CHECKING:
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 
 Kept = Literal["pose", "axis", "position"]
 
-To = Annotated[str | None, typer.Option("--to", metavar="Q1,Q2,...", help="Joint values to go to.")]
+To = Annotated[
+    str | None,
+    typer.Option("--to", metavar="Q1,Q2,...", help="Joint values to go to [rad or m; with --deg, deg or m]."),
+]
 Target = Annotated[
     tuple[float, float, float] | None,
-    typer.Option("--target", metavar="X Y Z", help="Or a position for the tip in the base frame [m]."),
-]
-Start = Annotated[
-    str | None, typer.Option("--from", metavar="Q1,Q2,...", help="Joint values to start from; zero when not given.")
+    typer.Option("--target", metavar="X Y Z", help="Position of the tip in the base frame [m]; instead of --to."),
 ]
 Straight = Annotated[
     bool,
@@ -48,11 +48,15 @@ TipAcceleration = Annotated[
 ]
 Rate = Annotated[
     float | None,
-    typer.Option("--rate", metavar="HZ", help="Points a second in the file; as few as needed when not given."),
+    typer.Option("--rate", metavar="HZ", help="How many a second; points in the file, as few as needed by default."),
 ]
-Out = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write the motion as .csv, .json or .npz.")]
-Plot = Annotated[
-    Path | None, typer.Option("--plot", metavar="FILE", help="Draw joint values and velocities as .png, .pdf or .svg.")
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", metavar="FILE", help="Write the result; the motion as .csv, .json or .npz."),
+]
+Figure = Annotated[
+    Path | None,
+    typer.Option("--figure", metavar="FILE", help="Draw a .png, .pdf or .svg; joint values and velocities."),
 ]
 
 
@@ -72,7 +76,7 @@ def move(
     tip_acceleration: TipAcceleration = None,
     rate: Rate = None,
     out: Out = None,
-    plot: Plot = None,
+    figure: Figure = None,
     degrees: Degrees = False,
     base: Base = None,
     tip: Tip = None,
@@ -90,14 +94,14 @@ def move(
         raise PieperError("give one of --to Q1,Q2,... and --target X Y Z")
     if to is not None and not (rpy is None and quaternion is None and axis is None):
         raise PieperError("--rpy, --quat and --axis belong to --target; joint values have an orientation already")
-    if plot is not None:
+    if figure is not None:
         from pieper.viewer.plot import checked_file
 
-        checked_file(plot)
+        checked_file(figure)
     if out is not None and out.suffix.lower() not in files.FORMATS:
         raise PieperError(f"--out must end in {', '.join(files.FORMATS)}, got {str(out)!r}")
     robot = load(arm, base=base, tip=tip, nominal=nominal)
-    q_start = seed_values(robot, start, degrees=degrees, option="--from")
+    q_start = start_values(robot, start, degrees=degrees)
     limits = {"max_velocity": velocity, "max_acceleration": acceleration, "max_jerk": jerk}
     tcp = TcpLimits(
         np.inf if tip_velocity is None else tip_velocity, np.inf if tip_acceleration is None else tip_acceleration
@@ -134,12 +138,12 @@ def move(
     written = made if rate is None else made.at_rate(rate)
     if out is not None:
         files.write(written, out)
-    if plot is not None:
-        _draw(robot, made, plot, degrees=degrees)
+    if figure is not None:
+        _draw(robot, made, figure, degrees=degrees)
     if as_json:
         print_json(_record(robot, written, way, used))
     else:
-        _print(robot, written, way, used, tcp, out, plot)
+        _print(robot, written, way, used, tcp, out, figure)
     return 0
 
 
@@ -156,7 +160,7 @@ def _goal(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
     """The pose to go to, and the joint values where they were typed; a position alone keeps the orientation of the start."""
     if target is None:
-        q = seed_values(robot, to, degrees=degrees, option="--to")
+        q = start_values(robot, to, degrees=degrees, option="--to")
         return robot.fk(q), q
     goal = wanted(*target, rpy=rpy, quaternion=quaternion, axis=axis, degrees=degrees)
     goal.target()  # refuses what does not go together
@@ -214,7 +218,7 @@ def _print(
     used: Usage,
     tcp: TcpLimits,
     out: Path | None,
-    plot: Path | None,
+    figure: Path | None,
 ) -> None:
     page = console()
     page.print(f"{robot.name}  {robot.base} -> {robot.tip}\n", style="bold", markup=False)
@@ -229,7 +233,7 @@ def _print(
     words = [f"{name.replace('tcp_', 'tip ')} {100.0 * getattr(used, name):.0f} %" for name in said]
     shares = ", ".join(words)
     page.print(f"limits used  {shares}", markup=False)
-    for file in (out, plot):
+    for file in (out, figure):
         if file is not None:
             typer.echo(f"wrote {file}", err=True)
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pieper.cli import completion
 from pieper.cli.outputs import keep_apart
 from pieper.cli.screen import has_display
 from pieper.cli.show import console
@@ -29,7 +30,15 @@ _PATIENCE = 20.0  # [s] for somebody to open the page
 
 
 def pick(
-    arm: Annotated[str | None, typer.Option("--arm", metavar="ARM", help="kr210, ur10e, mh12 or youbot.")] = None,
+    arm: Annotated[
+        str | None,
+        typer.Option(
+            "--arm",
+            metavar="ARM",
+            help="A built-in robot: kr210, ur10e, mh12 or youbot.",
+            autocompletion=completion.pick_arms,
+        ),
+    ] = None,
     see: Annotated[
         bool,
         typer.Option(
@@ -38,18 +47,23 @@ def pick(
         ),
     ] = False,
     task_file: Annotated[
-        Path | None, typer.Option("--task", metavar="FILE.yaml", help="Another task, instead of --arm.")
+        Path | None, typer.Option("--task", metavar="FILE", help="Another task, instead of --arm.")
     ] = None,
     write_task: Annotated[
         Path | None,
-        typer.Option("--write-task", metavar="FILE.yaml", help="Write the task of --arm to change, and end."),
+        typer.Option("--write-task", metavar="FILE", help="Write the task of --arm to change, and end."),
     ] = None,
     cycles: Annotated[
         int, typer.Option("--cycles", metavar="N", help="How many things to pick, one after another.")
     ] = 9,
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the places of the things in their slots.")] = 0,
+    seed: Annotated[
+        int,
+        typer.Option(
+            "--seed", metavar="N", help="Of random numbers, the same again for the same; for the places of the things."
+        ),
+    ] = 0,
     record: Annotated[
-        Path | None, typer.Option("--record", metavar="FILE", help="Film it: an .mp4 or .gif file.")
+        Path | None, typer.Option("--record", metavar="FILE", help="Film it; into an .mp4 or .gif.")
     ] = None,
     view: Annotated[bool, typer.Option("--view", help="Show it in the browser, in real time.")] = False,
     window: Annotated[
@@ -61,6 +75,7 @@ def pick(
             "--planner",
             metavar="NAME",
             help="rrt searches for ways, direct tries straight ones; rrt where it is installed.",
+            autocompletion=completion.planners,
         ),
     ] = None,
     log: Annotated[
@@ -69,9 +84,11 @@ def pick(
             "--log", metavar="FILE", help="Keep every cycle as a line of JSON, and go on where the file ends."
         ),
     ] = None,
-    size: Annotated[str, typer.Option("--size", metavar="WxH", help="Pixels of the film.")] = _FILM_SIZE,
-    fps: Annotated[float, typer.Option("--fps", metavar="N", help="Frames per second of the film.")] = 25.0,
-    speed: Annotated[float, typer.Option("--speed", metavar="X", help="Play the film X times as fast.")] = 1.0,
+    size: Annotated[
+        str, typer.Option("--size", metavar="WxH", help="Pixels, width and height; of the film.")
+    ] = _FILM_SIZE,
+    fps: Annotated[float, typer.Option("--fps", metavar="N", help="Frames a second; of the film.")] = 25.0,
+    speed: Annotated[float, typer.Option("--speed", metavar="X", help="Play it X times as fast; the film.")] = 1.0,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print the count only, not the stages.")] = False,
 ) -> int:
     """Pick things out of slots and place them in a bin, with contact physics; 0 when all are placed, 1 when not."""

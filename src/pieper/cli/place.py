@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pieper.cli import completion
 from pieper.cli.arguments import Json, load
 from pieper.cli.outputs import keep_apart
 from pieper.cli.show import console, print_json, print_table
@@ -24,7 +25,12 @@ Span = tuple[float, float]
 
 def place(
     words: Annotated[
-        list[str], typer.Argument(metavar="ARM... POSES.csv", help="One arm or several, and the poses of the task.")
+        list[str],
+        typer.Argument(
+            metavar="ARM... POSES.csv",
+            help="One arm or several, and the poses of the task.",
+            autocompletion=completion.robots,
+        ),
     ],
     x: Annotated[
         Span | None, typer.Option("--x", metavar="FROM TO", help="Of the base [m]; around the poses by default.")
@@ -40,12 +46,13 @@ def place(
     position_only: Annotated[
         bool, typer.Option("--position-only", help="Leave the orientation of the poses aside.")
     ] = False,
-    workers: Annotated[int, typer.Option("--workers", metavar="N", help="Processes.")] = 1,
+    workers: Annotated[int, typer.Option("--workers", metavar="N", help="Processes at work; 1 by default.")] = 1,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE.csv", help="Write every base pose with its scores.")
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Write the result; every base pose with its scores, .csv."),
     ] = None,
     figure: Annotated[
-        Path | None, typer.Option("--figure", metavar="FILE", help="Draw the best of each place, .png, .pdf or .svg.")
+        Path | None, typer.Option("--figure", metavar="FILE", help="Draw a .png, .pdf or .svg; the best of each place.")
     ] = None,
     json: Json = False,
 ) -> int:

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pieper.cli.arguments import ArmName, Base, Degrees, Json, Nominal, Quaternion, Rpy, Tip, load, turning
-from pieper.cli.move import Acceleration, Jerk, Out, Velocity
+from pieper.cli.arguments import ArmName, Base, Degrees, Json, Nominal, Quaternion, Rpy, Start, Tip, load, turning
+from pieper.cli.move import Acceleration, Jerk, Out, To, Velocity
 from pieper.cli.show import console, print_json, print_table
-from pieper.cli.target import seed_values, wanted
+from pieper.cli.target import start_values, wanted
 from pieper.errors import ArrayError, PieperError
 
 if TYPE_CHECKING:
@@ -23,22 +23,25 @@ if TYPE_CHECKING:
 def plan(
     arm: ArmName,
     world: Annotated[
-        Path | None, typer.Option("--world", metavar="FILE", help="YAML file of obstacles; none by default.")
+        Path | None,
+        typer.Option("--world", metavar="FILE", help="YAML file of obstacles in the base frame; none by default."),
     ] = None,
-    start: Annotated[
-        str | None, typer.Option("--from", metavar="Q1,Q2,...", help="Joint values to start from; zero by default.")
-    ] = None,
-    to: Annotated[str | None, typer.Option("--to", metavar="Q1,Q2,...", help="Joint values to go to.")] = None,
+    start: Start = None,
+    to: To = None,
     target: Annotated[
         tuple[float, float, float] | None,
-        typer.Option("--target", metavar="X Y Z", help="Or a position of the tip [m], with --rpy or --quat."),
+        typer.Option("--target", metavar="X Y Z", help="Position of the tip in the base frame [m]; instead of --to."),
     ] = None,
     rpy: Rpy = None,
     quaternion: Quaternion = None,
     degrees: Degrees = False,
     margin: Annotated[float, typer.Option("--margin", metavar="M", help="Distance that is kept [m].")] = 0.01,
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the random search: the same path again.")] = 0,
-    timeout: Annotated[float, typer.Option("--timeout", metavar="SECONDS", help="For the search.")] = 5.0,
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", help="Of random numbers, the same again for the same; for the search.")
+    ] = 0,
+    timeout: Annotated[
+        float, typer.Option("--timeout", metavar="SECONDS", help="How long at most; for the search.")
+    ] = 5.0,
     velocity: Velocity = None,
     acceleration: Acceleration = None,
     jerk: Jerk = None,
@@ -46,7 +49,10 @@ def plan(
         bool, typer.Option("--rest", help="Rest at each point; corners are rounded where that is free if not given.")
     ] = False,
     out: Out = None,
-    picture: Annotated[Path | None, typer.Option("--picture", metavar="FILE", help="Draw it into a .png file.")] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option("--picture", metavar="FILE", help="Draw a picture; of the arm among the obstacles, .png."),
+    ] = None,
     json: Json = False,
     base: Base = None,
     tip: Tip = None,
@@ -65,10 +71,10 @@ def plan(
         raise PieperError(f"--out must end in {', '.join(files.FORMATS)}, got {str(out)!r}")
     robot = load(arm, base=base, tip=tip, nominal=nominal)
     around = World() if world is None else read_world(world)
-    q_start = seed_values(robot, start, degrees=degrees, option="--from")
+    q_start = start_values(robot, start, degrees=degrees)
     goal: Any
     if target is None:
-        goal = seed_values(robot, to, degrees=degrees, option="--to")
+        goal = start_values(robot, to, degrees=degrees, option="--to")
     else:
         goal = wanted(*target, rpy=rpy, quaternion=quaternion, axis=None, degrees=degrees).target()
     model = CollisionModel(robot, around, margin=margin)

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
-from pieper.cli.arguments import ArmName, Base, Degrees, Nominal, Quaternion, Rpy, Seed, Tip, load
+from pieper.cli import completion
+from pieper.cli.arguments import ArmName, Base, Degrees, Nominal, Quaternion, Rpy, Start, Tip, load
 from pieper.cli.show import console, small
+from pieper.cli.verb import Group, Verb
 from pieper.errors import ArrayError, PieperError, UnknownNameError, unknown_name
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 _STOP = 1e-3  # [m] where an iteration ends when nothing is said about its end
 _MOST_STEPS = 1000  # likewise
+_THEMES = ("light", "dark")
 
 
 class Orientation(str, Enum):
@@ -45,54 +47,58 @@ class Question(str, Enum):
 
 Files = Annotated[
     list[Path] | None,
-    typer.Option("--trajectory", metavar="FILE", help="CSV, JSON or NPZ with joint values over time; may be repeated."),
+    typer.Option("--trajectory", metavar="FILE", help="A motion, .csv, .json or .npz; may be repeated."),
 ]
 FromIteration = Annotated[
     bool,
     typer.Option("--from-iteration", help="Draw the steps of the Jacobian iteration to --target instead of a file."),
 ]
 Target = Annotated[
-    tuple[float, float, float] | None, typer.Option("--target", metavar="X Y Z", help="Target in the base frame [m].")
+    tuple[float, float, float] | None,
+    typer.Option(
+        "--target", metavar="X Y Z", help="Position of the tip in the base frame [m]; where the iteration goes."
+    ),
 ]
-Orient = Annotated[Orientation, typer.Option("--orientation", help="Iteration: what it does about the orientation.")]
+Orient = Annotated[
+    Orientation,
+    typer.Option(
+        "--orientation", metavar="HOW", help="Iteration: what it does about the orientation: ignore, hold or reach."
+    ),
+]
 Alpha = Annotated[float, typer.Option("--alpha", metavar="A", help="Iteration: gain of the whole step.")]
 K1 = Annotated[
-    list[float] | None, typer.Option("--k1", metavar="K", help="Iteration: gain of the position; repeat to compare.")
+    list[float] | None,
+    typer.Option(
+        "--k1", metavar="K", help="Iteration: gain of the position; 1 by default, may be repeated to compare."
+    ),
 ]
 K2 = Annotated[float, typer.Option("--k2", metavar="K", help="Iteration: gain of the rotation.")]
 Damping = Annotated[float, typer.Option("--damping", metavar="D", help="Iteration: damping; 0 for the pseudo-inverse.")]
 Iterations = Annotated[
     int | None, typer.Option("--iterations", metavar="N", help="Iteration: number of steps at most.")
 ]
-Stop = Annotated[
-    float | None, typer.Option("--stop", metavar="M", help="Iteration: ends this close to the target [m].")
+Tolerance = Annotated[
+    float | None, typer.Option("--tolerance", metavar="M", help="Iteration: ends this close to the target [m].")
 ]
-Save = Annotated[
-    Path | None, typer.Option("--save", metavar="FILE", help="Write a .png, .pdf or .svg instead of opening a window.")
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", metavar="FILE", help="Write the result; as .png, .pdf or .svg instead of in a window."),
 ]
-Dark = Annotated[bool, typer.Option("--dark", help="Light lines on dark paper.")]
+Theme = Annotated[
+    str, typer.Option("--theme", metavar="THEME", help="light or dark.", autocompletion=completion.themes)
+]
 Title = Annotated[str, typer.Option("--title", metavar="TEXT", help="Heading of the figure.")]
 
 
-class _Figures(TyperGroup):
-    """A group that helps without arguments, and knows near matches."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the arguments."""
-        return super().parse_args(ctx, args or ["--help"])
-
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """The figure of that name."""
-        command = super().get_command(ctx, cmd_name)
-        if command is None and not cmd_name.startswith("-"):
-            raise unknown_name("figure", cmd_name, self.commands)
-        return command
+class _Figures(Group):
+    thing = "figure"
 
 
 app = typer.Typer(
     cls=_Figures,
     rich_markup_mode=None,
-    help="Figures as papers print them. They open in a window, or --save writes them.",
+    subcommand_metavar="FIGURE ...",
+    help="Figures as papers print them. They open in a window, or --out writes them.",
     epilog="Draws the joint values of --trajectory FILE, or with --from-iteration the steps to --target.",
 )
 
@@ -187,23 +193,23 @@ def _verb(draw: Callable[[Arm, list[Run], _Iteration, _Look], Any]) -> Callable[
         k2: K2 = 1.0,
         damping: Damping = 0.0,
         iterations: Iterations = None,
-        stop: Stop = None,
-        seed: Seed = None,
+        tolerance: Tolerance = None,
+        start: Start = None,
         degrees: Degrees = False,
-        save: Save = None,
-        dark: Dark = False,
+        out: Out = None,
+        theme: Theme = "light",
         title: Title = "",
         base: Base = None,
         tip: Tip = None,
         nominal: Nominal = False,
     ) -> int:
-        _check(save)
+        _check(out, theme)
         robot = load(arm, base=base, tip=tip, nominal=nominal)
         asked = _Iteration(
-            target, rpy, quaternion, orientation, alpha, k1, k2, damping, iterations, stop, seed, degrees
+            target, rpy, quaternion, orientation, alpha, k1, k2, damping, iterations, tolerance, start, degrees
         )
         runs = _runs(robot, trajectory, from_iteration, asked)
-        _finish(draw(robot, runs, asked, _Look(degrees, title, _theme(dark))), save)
+        _finish(draw(robot, runs, asked, _Look(degrees, title, theme)), out)
         return asked.outcome(runs)
 
     run.__doc__ = draw.__doc__
@@ -216,45 +222,52 @@ for _draw, _summary in {
     _error: "What is left to the target against the iteration.",
     _manipulability: "Manipulability along a path.",
 }.items():
-    app.command(_draw.__name__[1:], short_help=_summary)(_verb(_draw))
+    app.command(_draw.__name__[1:], cls=Verb, short_help=_summary, rich_help_panel="A motion")(_verb(_draw))
 
 
-@app.command(short_help="Two models side by side, and their difference.")
+@app.command(cls=Verb, short_help="Two models side by side, and their difference.", rich_help_panel="Models")
 def compare(
     arm: ArmName,
-    other: Annotated[str, typer.Argument(metavar="OTHER", help="The other model of the same arm.")],
+    other: Annotated[
+        str, typer.Argument(metavar="OTHER", help="The other model of the same arm.", autocompletion=completion.tables)
+    ],
     question: Annotated[
-        Question, typer.Option("--question", help="The same joint values, or the same pose.")
+        Question,
+        typer.Option("--question", metavar="WHAT", help="fk at the same joint values, or ik of the same pose."),
     ] = Question.FK,
     at: Annotated[
         str | None,
-        typer.Option("--at", metavar="Q1,Q2,...", help="Joint values that the others keep while one sweeps."),
+        typer.Option(
+            "--at",
+            metavar="Q1,Q2,...",
+            help="Joint values that the others keep while one sweeps [rad or m; with --deg, deg or m].",
+        ),
     ] = None,
     samples: Annotated[int, typer.Option("--samples", metavar="N", help="Values per joint.")] = 121,
     as_is: Annotated[
         bool, typer.Option("--as-is", help="Do not turn the tip frame of OTHER to lie like the first.")
     ] = False,
     degrees: Degrees = False,
-    save: Save = None,
-    dark: Dark = False,
+    out: Out = None,
+    theme: Theme = "light",
     title: Title = "",
     nominal: Nominal = False,
 ) -> int:
     """Two models side by side, and their difference in mm and mrad while each joint sweeps its range."""
-    from pieper.cli.target import seed_values
+    from pieper.cli.target import start_values
     from pieper.viewer import plot
     from pieper.viewer.compare import Comparison
 
-    _check(save)
+    _check(out, theme)
     robot, second = load(arm, nominal=nominal), load(other)
-    q = None if at is None else seed_values(robot, at, degrees=degrees, option="--at")
+    q = None if at is None else start_values(robot, at, degrees=degrees, option="--at")
     for rule in Comparison(robot, second, turn_tip=not as_is).rules:
         _say(rule)
+    shown: Any = {"degrees": degrees, "title": title, "theme": theme}
     figure = plot.compare(
-        robot, second, question=question.value, q=q, samples=samples, turn_tip=not as_is, degrees=degrees, title=title,
-        theme=_theme(dark),
-    )  # fmt: skip
-    _finish(figure, save)
+        robot, second, question=question.value, q=q, samples=samples, turn_tip=not as_is, **shown
+    )
+    _finish(figure, out)
     return 0
 
 
@@ -271,8 +284,8 @@ class _Iteration:
     k2: float
     damping: float
     iterations: int | None
-    stop: float | None
-    seed: str | None
+    tolerance: float | None
+    start: str | None
     degrees: bool
 
     @property
@@ -281,12 +294,12 @@ class _Iteration:
 
     @property
     def position_stop(self) -> float | None:
-        return _STOP if self.stop is None and self.iterations is None else self.stop
+        return _STOP if self.tolerance is None and self.iterations is None else self.tolerance
 
     def runs(self, robot: Arm) -> list[Run]:
         import numpy as np
 
-        from pieper.cli.target import seed_values, wanted
+        from pieper.cli.target import start_values, wanted
         from pieper.ik.iteration import iterate
 
         if self.target is None:
@@ -296,7 +309,7 @@ class _Iteration:
             raise PieperError("--orientation reach and --rpy or --quat belong together; give both or neither")
         goal = wanted(*self.target, rpy=self.rpy, quaternion=self.quaternion, axis=None, degrees=self.degrees)
         goal.target()  # refuses what does not go together
-        start = seed_values(robot, self.seed, degrees=self.degrees)
+        start = start_values(robot, self.start, degrees=self.degrees)
         made = []
         for gain in self.gains:
             steps = tuple(
@@ -363,28 +376,26 @@ def _between(trajectory: Trajectory) -> NDArray[np.float64]:
     return trajectory.sample(np.append(t, trajectory.t[-1])).q
 
 
-def _check(save: Path | None) -> None:
+def _check(out: Path | None, theme: str) -> None:
     """Complain before any work where the figure can go nowhere."""
     from pieper.viewer import plot
 
-    if save is None:
+    if theme not in _THEMES:
+        raise unknown_name("theme", theme, _THEMES)
+    if out is None:
         plot.need_screen()
     else:
-        plot.checked_file(save)
+        plot.checked_file(out)
 
 
-def _finish(figure: Any, save: Path | None) -> None:
+def _finish(figure: Any, out: Path | None) -> None:
     from pieper.viewer import plot
 
-    if save is None:
+    if out is None:
         plot.show(figure)
     else:
-        plot.save(figure, save)
-        typer.echo(f"wrote {save}", err=True)
-
-
-def _theme(dark: bool) -> Any:
-    return "dark" if dark else "light"
+        plot.save(figure, out)
+        typer.echo(f"wrote {out}", err=True)
 
 
 def _say(line: str) -> None:

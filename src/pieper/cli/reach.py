@@ -16,7 +16,7 @@ from pieper.cli.arguments import (
     Nominal,
     Quaternion,
     Rpy,
-    Seed,
+    Start,
     Tip,
     X,
     Y,
@@ -26,7 +26,7 @@ from pieper.cli.arguments import (
 )
 from pieper.cli.ik import outcome
 from pieper.cli.show import console, gauge, number, numbers, print_json, small, table_lines
-from pieper.cli.target import seed_values, wanted
+from pieper.cli.target import start_values, wanted
 
 if TYPE_CHECKING:
     import numpy as np
@@ -57,7 +57,7 @@ def reach(
     quaternion: Quaternion = None,
     axis: Axis = None,
     degrees: Degrees = False,
-    seed: Seed = None,
+    start: Start = None,
     animate: Annotated[
         bool | None, typer.Option("--animate/--no-animate", help="Show each step; by default on a terminal only.")
     ] = None,
@@ -71,9 +71,9 @@ def reach(
 
     robot = load(arm, base=base, tip=tip, nominal=nominal)
     goal = wanted(x, y, z, rpy=rpy, quaternion=quaternion, axis=axis, degrees=degrees)
-    start = seed_values(robot, seed, degrees=degrees)
+    q_start = start_values(robot, start, degrees=degrees)
     target = goal.target()
-    steps = _walk(robot, goal, start)
+    steps = _walk(robot, goal, q_start)
     answers = solve(robot.chain, target, seed=_first_seed(robot, steps))
     reached = bool(answers.reached)
     q = answers.q[0] if reached else answers.nearest.q

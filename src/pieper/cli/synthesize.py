@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pieper.cli import completion
+from pieper.cli.arguments import Json
 from pieper.cli.show import console, print_json, print_table
 from pieper.errors import VisionError
 
@@ -15,15 +17,23 @@ if TYPE_CHECKING:
 
 
 def synthesize(
-    scene: Annotated[str | None, typer.Argument(metavar="SCENE", help="Name of a scene; --list shows them.")] = None,
+    scene: Annotated[
+        str | None,
+        typer.Argument(metavar="SCENE", help="Name of a scene; --list shows them.", autocompletion=completion.scenes),
+    ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FOLDER", help="Where to; the scene's name by default.")
+        Path | None,
+        typer.Option("--out", "-o", metavar="FOLDER", help="Write the result; into the scene's name by default."),
     ] = None,
     show: Annotated[bool, typer.Option("--list", help="List the scenes and leave.")] = False,
-    frames: Annotated[int | None, typer.Option("--frames", metavar="N", help="How many.")] = None,
-    fps: Annotated[float | None, typer.Option("--fps", metavar="N", help="Frames per second.")] = None,
-    size: Annotated[str, typer.Option("--size", metavar="WxH", help="Pixels of a frame.")] = "640x480",
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the noise.")] = 1,
+    count: Annotated[int | None, typer.Option("--count", metavar="N", help="How many; frames of the film.")] = None,
+    fps: Annotated[float | None, typer.Option("--fps", metavar="N", help="Frames a second; of the film.")] = None,
+    size: Annotated[
+        str, typer.Option("--size", metavar="WxH", help="Pixels, width and height; of a frame.")
+    ] = "640x480",
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", help="Of random numbers, the same again for the same; for the noise.")
+    ] = 1,
     noise: Annotated[float | None, typer.Option("--noise", metavar="SIGMA", help="Grey levels of 255.")] = None,
     exposure: Annotated[float | None, typer.Option("--exposure", metavar="SECONDS", help="Motion blur.")] = None,
     light: Annotated[
@@ -47,7 +57,7 @@ def synthesize(
     ] = None,
     lossless: Annotated[bool, typer.Option("--lossless", help="PNG pictures instead of a video.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Write over what is there.")] = False,
-    json_: Annotated[bool, typer.Option("--json", help="Print JSON for scripts.")] = False,
+    as_json: Json = False,
 ) -> int:
     """Draw a scene with exact truth: video, truth, calibration, patterns, and regions that show the colours."""
     from pieper.perception import scene_folder
@@ -56,21 +66,21 @@ def synthesize(
     if show or scene is None:
         if scene is None and not show:
             raise VisionError(f"name a scene: {', '.join(PRESETS)}")
-        _list(json_)
+        _list(as_json)
         return 0
     made = preset(scene, _size(size))
     wanted: dict[str, Any] = {
-        "frames": frames, "fps": fps, "noise": noise, "exposure": exposure, "light": light, "gradient": gradient, "cast": cast,
+        "frames": count, "fps": fps, "noise": noise, "exposure": exposure, "light": light, "gradient": gradient, "cast": cast,
         "shadow": shadow, "quality": quality,
     }  # fmt: skip
     made = made.but(seed=seed, **{key: value for key, value in wanted.items() if value is not None})
     folder = out or Path(scene)
-    count = _write(made, folder, lossless=lossless, force=force)
+    written = _write(made, folder, lossless=lossless, force=force)
     film = scene_folder.FRAMES if lossless else scene_folder.VIDEO
-    if json_:
-        print_json({"scene": scene, "folder": str(folder), "film": film, "frames": count, "fps": made.fps})
+    if as_json:
+        print_json({"scene": scene, "folder": str(folder), "film": film, "frames": written, "fps": made.fps})
         return 0
-    words = f"wrote {folder}  {film} of {count} frames, {count / made.fps:.2f} s, and {scene_folder.TRUTH}"
+    words = f"wrote {folder}  {film} of {written} frames, {written / made.fps:.2f} s, and {scene_folder.TRUTH}"
     console().print(words, markup=False, soft_wrap=True)
     return 0
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pieper.cli import completion
 from pieper.cli.outputs import keep_apart
 from pieper.cli.show import console
 from pieper.cli.signals import stopped_once
@@ -38,17 +39,27 @@ def track(
     colors: Annotated[Path, typer.Option("--colors", metavar="FILE", help="Colours, from learn-colour.")],
     field: Annotated[
         Path | None,
-        typer.Option("--field", metavar="FILE", help="Field, from calibrate-field: metres instead of pixels."),
+        typer.Option("--field", metavar="FILE", help="The field, from calibrate-field; metres instead of pixels."),
     ] = None,
     patterns: Annotated[
         str | None,
-        typer.Option("--patterns", metavar="PATTERNS", help="Markers of the robots: report, ssl, vsss or a YAML file."),
+        typer.Option(
+            "--patterns",
+            metavar="NAME",
+            help="Markers of the robots: report, ssl, vsss, circles, or a YAML file.",
+            autocompletion=completion.patterns,
+        ),
     ] = None,
-    ball: Annotated[str | None, typer.Option("--ball", metavar="COLOUR", help="Colour of a ball.")] = None,
+    ball: Annotated[
+        str | None, typer.Option("--ball", metavar="NAME", help="Colour of the ball.", autocompletion=completion.colors)
+    ] = None,
     largest: Annotated[
         list[str] | None,
         typer.Option(
-            "--largest", metavar="COLOUR", help="Without patterns: follow only the largest patch of this colour."
+            "--largest",
+            metavar="NAME",
+            help="Without patterns: follow only the largest patch of this colour.",
+            autocompletion=completion.colors,
         ),
     ] = None,
     within: Annotated[
@@ -62,19 +73,24 @@ def track(
     method: Annotated[
         str,
         typer.Option(
-            "--method", metavar="METHOD", help="pieper, or report: the pipeline of the report, as it is printed."
+            "--method",
+            metavar="METHOD",
+            help="pieper, or report: the pipeline of the report, as it is printed.",
+            autocompletion=completion.methods,
         ),
     ] = "pieper",
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Table of tracks: .csv, .jsonl or .parquet.")
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Write the result; the tracks as .csv, .jsonl or .parquet."),
     ] = None,
-    video: Annotated[
-        Path | None, typer.Option("--video", metavar="FILE", help="Video with everything drawn in: .mp4 or .avi.")
+    record: Annotated[
+        Path | None,
+        typer.Option("--record", metavar="FILE", help="Film it; with everything found drawn in, .mp4 or .avi."),
     ] = None,
     start: Annotated[int, typer.Option("--start", metavar="N", help="First frame, from 0.")] = 0,
     stop: Annotated[int | None, typer.Option("--stop", metavar="N", help="Frame before which to end.")] = None,
     adapt: Annotated[bool, typer.Option("--adapt/--no-adapt", help="Let the colours follow the light slowly.")] = True,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with the table in --out, where it ended.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with what --out holds.")] = False,
     warm_up: Annotated[
         float,
         typer.Option(
@@ -82,10 +98,12 @@ def track(
         ),
     ] = 2.0,
     size: Annotated[
-        str | None, typer.Option("--size", metavar="WxH", help="Of raw BGR frames on standard input.")
+        str | None,
+        typer.Option("--size", metavar="WxH", help="Pixels, width and height; of raw BGR frames on standard input."),
     ] = None,
     fps: Annotated[
-        float | None, typer.Option("--fps", metavar="N", help="Of images, raw frames, or to ask a camera for.")
+        float | None,
+        typer.Option("--fps", metavar="N", help="Frames a second; of images, raw frames, or to ask a camera for."),
     ] = None,
     patience: Annotated[
         float,
@@ -106,8 +124,8 @@ def track(
     quiet()
     if method not in METHODS:
         raise unknown_name("method", method, METHODS)
-    keep_apart([source, colors, field, patterns], {"--out": out, "--video": video})
-    _check_files(out, video, resume, warm_up)
+    keep_apart([source, colors, field, patterns], {"--out": out, "--record": record})
+    _check_files(out, record, resume, warm_up)
     model, tracker, view, heights = _tracker(
         colors, field, patterns, ball, largest or [], within, method=method, adapt=adapt, tracked=source
     )
@@ -128,7 +146,7 @@ def track(
         if out is not None and table is None:
             table = create_tracks(out, unit=view.unit, source=name)
             stack.callback(table.close)
-        film = _film(stack, video, frames, resumed)
+        film = _film(stack, record, frames, resumed)
         overlay = Overlay(view, colors=dict(zip(model.names, model.draw, strict=True)), height=heights, trail=trail)
         try:
             with stopped_once(frames.stop) as signals, _progress(frames, start, stop, resumed) as advance:

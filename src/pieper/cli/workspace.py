@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pieper.cli import completion
 from pieper.cli.arguments import ArmName, Base, Json, Nominal, Tip, load
 from pieper.cli.outputs import keep_apart
 from pieper.cli.show import console, print_json
@@ -34,7 +35,7 @@ Tool = Annotated[
 ]
 ToolRpy = Annotated[
     tuple[float, float, float] | None,
-    typer.Option("--tool-rpy", metavar="ROLL PITCH YAW", help="And how it is turned there [rad]."),
+    typer.Option("--tool-rpy", metavar="ROLL PITCH YAW", help="A tool: how it is turned there [rad]."),
 ]
 
 
@@ -53,9 +54,17 @@ def workspace(
     ] = None,
     tool: Tool = None,
     tool_rpy: ToolRpy = None,
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Turn all orientations together; 0 for none.")] = 0,
+    seed: Annotated[
+        int,
+        typer.Option(
+            "--seed",
+            metavar="N",
+            help="Of random numbers, the same again for the same; for a turn of all orientations, 0 for none.",
+        ),
+    ] = 0,
     redundancy: Annotated[
-        int, typer.Option("--redundancy", metavar="N", help="Seven joints: values tried of the one that is held.")
+        int,
+        typer.Option("--redundancy-samples", metavar="N", help="Seven joints: values tried of the one that is held."),
     ] = 16,
     collision: Annotated[
         bool, typer.Option("--collision", help="Count only answers in which the arm does not touch itself. Slow.")
@@ -63,10 +72,14 @@ def workspace(
     world: Annotated[
         Path | None,
         typer.Option(
-            "--world", metavar="FILE", help="And nothing in this YAML file of obstacles, in the base frame. Slow."
+            "--world",
+            metavar="FILE",
+            help="YAML file of obstacles in the base frame; answers touch none of them. Slow.",
         ),
     ] = None,
-    margin: Annotated[float, typer.Option("--margin", metavar="M", help="Distance that is kept then [m].")] = 0.0,
+    margin: Annotated[
+        float, typer.Option("--margin", metavar="M", help="Distance that is kept [m]; with --collision and --world.")
+    ] = 0.0,
     counts_only: Annotated[
         bool, typer.Option("--counts-only", help="Poses and solutions alone, without measures of how good they are.")
     ] = False,
@@ -74,25 +87,36 @@ def workspace(
         int, typer.Option("--chunk", metavar="N", help="Voxels along a chunk: what is stored, or lost, at once.")
     ] = 12,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="MAP.zarr", help="Keep the map in a folder as it is made.")
+        Path | None,
+        typer.Option(
+            "--out", "-o", metavar="FOLDER", help="Write the result; the map, as it is made, into a .zarr folder."
+        ),
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with a map that was begun in --out.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with what --out holds.")] = False,
     workers: Annotated[
-        int | None, typer.Option("--workers", metavar="N", help="Processes; as many as cores by default.")
+        int | None, typer.Option("--workers", metavar="N", help="Processes at work; as many as cores by default.")
     ] = None,
     dask: Annotated[
         str | None, typer.Option("--dask", metavar="ADDRESS", help="Of a Dask scheduler, as tcp://10.0.0.1:8786.")
     ] = None,
     show: Annotated[
-        str, typer.Option("--show", metavar="QUANTITY", help="What the figure shows: dexterity, manipulability, ...")
+        str,
+        typer.Option(
+            "--show",
+            metavar="QUANTITY",
+            help="What the colours show: dexterity, manipulability, ...",
+            autocompletion=completion.quantities,
+        ),
     ] = "dexterity",
     figure: Annotated[
-        Path | None, typer.Option("--figure", metavar="FILE", help="Draw it into a .png, .pdf or .svg file.")
+        Path | None, typer.Option("--figure", metavar="FILE", help="Draw a .png, .pdf or .svg; the map.")
     ] = None,
     exports: Annotated[
         list[Path] | None,
         typer.Option(
-            "--export", metavar="FILE", help="Write it as .csv, .h5, .vtk, or its surface as .ply; repeatable."
+            "--export",
+            metavar="FILE",
+            help="Write it for other programs; .csv, .h5, .vtk, or its surface as .ply. May be repeated.",
         ),
     ] = None,
     level: Annotated[
