@@ -40,7 +40,8 @@ def record(
 ) -> None:
     """Record topics in a bag.
 
-    As in: pieper ros record /joint_states /target --output lab1
+    For example:
+      pieper ros record /joint_states /target --seconds 5 --out lab1
     """
     from datetime import datetime
 
@@ -77,7 +78,11 @@ def replay(
     network: Network = False,
     domain: Domain = None,
 ) -> None:
-    """Send the messages of a bag again, as far apart in time as they were recorded."""
+    """Send the messages of a bag again, as far apart in time as they were recorded.
+
+    For example:
+      pieper ros replay lab1 --rate 10
+    """
     from pieper.ros import bags
 
     with joined(

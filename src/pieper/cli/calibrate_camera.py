@@ -13,20 +13,22 @@ from pieper.cli.outputs import keep_apart
 from pieper.cli.show import console
 from pieper.errors import VisionError
 
+BoardName = Annotated[
+    str,
+    typer.Option(
+        "--board",
+        metavar="BOARD",
+        help="charuco:COLUMNSxROWS:SQUARE:MARKER in squares and metres, or chessboard:COLUMNSxROWS:SQUARE in inner corners "
+        "and metres.",
+    ),
+]
+
 
 def calibrate_camera(
     sources: Annotated[
         list[Path] | None, typer.Argument(metavar="[SOURCE]...", help="Images, folders of images, videos.")
     ] = None,
-    board: Annotated[
-        str,
-        typer.Option(
-            "--board",
-            metavar="BOARD",
-            help="charuco:COLUMNSxROWS:SQUARE:MARKER in squares and metres, or chessboard:COLUMNSxROWS:SQUARE in inner corners "
-            "and metres.",
-        ),
-    ] = "charuco:7x5:0.03:0.022",
+    board: BoardName = "charuco:7x5:0.03:0.022",
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="FILE", help="Write the result; the camera, .yaml.")
     ] = Path("camera.yaml"),
@@ -46,7 +48,12 @@ def calibrate_camera(
     ] = None,
     dpi: Annotated[int, typer.Option("--dpi", metavar="N", help="Dots per inch of the drawing.")] = 300,
 ) -> int:
-    """Calibrate a lens from pictures or a video of a printed board, without a window."""
+    """Calibrate a lens from pictures or a video of a printed board, without a window.
+
+    For example:
+      pieper calibrate-camera --draw board.png
+      pieper calibrate-camera pictures --out camera.yaml
+    """
     from pieper.perception.board import Board
     from pieper.perception.calibration import calibrate_camera as calibrate
     from pieper.perception.calibration import find_views

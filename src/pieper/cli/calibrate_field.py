@@ -70,7 +70,11 @@ def calibrate_field(
         ),
     ] = None,
 ) -> int:
-    """Find where the field lies before a camera, without a window."""
+    """Find where the field lies before a camera, without a window.
+
+    For example:
+      pieper calibrate-field field.png --camera camera.yaml --lines vsss
+    """
     from pieper.perception.calibration import read_view
     from pieper.perception.calibration_file import load_camera
     from pieper.perception.calibration_picture import save_picture

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pieper.cli import completion
+from pieper.cli.calibrate_camera import BoardName, progress_bar
 from pieper.cli.outputs import keep_apart
 from pieper.cli.show import console
 from pieper.errors import VisionError
@@ -35,7 +36,7 @@ def calibrate_hand_eye(
     camera: Annotated[
         Path | None, typer.Option("--camera", metavar="FILE", help="The lens, camera.yaml; for images and for a plan.")
     ] = None,
-    board: Annotated[str, typer.Option("--board", metavar="BOARD", help="As for calibrate-camera.")] = "charuco:7x5:0.03:0.022",
+    board: BoardName = "charuco:7x5:0.03:0.022",
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Write the result; the calibration, .yaml.")] = Path("hand_eye.yaml"),
     plan: Annotated[
         Path | None, typer.Option("--plan", metavar="FILE", help="Write arm poses to look from, or to add, into a .csv.")
@@ -46,7 +47,11 @@ def calibrate_hand_eye(
         typer.Option("--guess", metavar="FILE", help="For a plan without captures: about where camera and board are, as in the file that --out writes."),
     ] = None,
 ) -> int:  # fmt: skip
-    """Find out where a camera is: on the hand of an arm, or in its cell. Without captures, plan from where to look."""
+    """Find out where a camera is: on the hand of an arm, or in its cell. Without captures, plan from where to look.
+
+    For example:
+      pieper calibrate-hand-eye captures.csv --camera-on hand
+    """
     from pieper.cli import arguments
     from pieper.perception.hand_eye_file import read_captures, save_hand_eye
 
@@ -75,7 +80,6 @@ def calibrate_hand_eye(
 def _calibrated(
     captures: Captures, camera_on: CameraOn, camera: Path | None, board: str
 ) -> tuple[HandEyeCalibration, list[int]]:
-    from pieper.cli.calibrate_camera import progress_bar
     from pieper.perception.board import Board
     from pieper.perception.calibration import BoardView, read_image
     from pieper.perception.calibration_file import load_camera

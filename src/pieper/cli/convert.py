@@ -46,7 +46,12 @@ def convert(
     nominal: Nominal = False,
     as_json: Json = False,
 ) -> int:
-    """Write an arm as Denavit-Hartenberg rows, screws, URDF, or formulas."""
+    """Write an arm as Denavit-Hartenberg rows, screws, URDF, or formulas.
+
+    For example:
+      pieper convert ur5e --to dh
+      pieper convert ur5e --to urdf --out arm.urdf
+    """
     robot = load(arm, base=base, tip=tip, nominal=nominal)
     text = _json(robot, to) if as_json else _text(robot, to)
     text = text.rstrip("\n") + "\n"

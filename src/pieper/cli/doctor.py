@@ -38,6 +38,9 @@ def doctor(
 
     Each thing is tried in a process of its own, so that one that crashes or hangs harms no other. A node of ROS 2 is started for a
     moment, and one frame is taken from a camera. Exit code 0, whatever is missing; 4 when the core of pieper itself does not work.
+
+    For example:
+      pieper doctor
     """
     findings = look([*PROBES, *EXTRAS], timeout)
     code = 0 if findings["core"].state == OK else FAULT

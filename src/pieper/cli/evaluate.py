@@ -41,6 +41,9 @@ def evaluate(
     """Print how far tracks are from the truth: errors, detection, identity and consistency.
 
     With --marks, exit code 1 says that a mark was missed.
+
+    For example:
+      pieper evaluate tracks.csv clean/truth.jsonl
     """
     if every:
         if tracks is not None:

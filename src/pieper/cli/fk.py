@@ -22,7 +22,11 @@ def fk(
     nominal: Nominal = False,
     as_json: Json = False,
 ) -> int:
-    """Print the pose of the tip in the base frame for the given joint values."""
+    """Print the pose of the tip in the base frame for the given joint values.
+
+    For example:
+      pieper fk mh12 --deg -10 20 30 0 45 0
+    """
     import numpy as np
 
     from pieper.spatial import rotation

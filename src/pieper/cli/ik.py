@@ -68,7 +68,11 @@ def ik(
     nominal: Nominal = False,
     as_json: Json = False,
 ) -> int:
-    """Print joint values that bring the tip to a target, one answer a column."""
+    """Print joint values that bring the tip to a target, one answer a column.
+
+    For example:
+      pieper ik ur5e 0.4 0.2 0.3 --rpy 180 0 0 --deg
+    """
     robot = load(arm, base=base, tip=tip, nominal=nominal)
     goal = wanted(x, y, z, rpy=rpy, quaternion=quaternion, axis=axis, degrees=degrees)
     q_start = None if start is None else start_values(robot, start, degrees=degrees)

@@ -21,7 +21,11 @@ def info(
     nominal: Nominal = False,
     as_json: Json = False,
 ) -> int:
-    """Print the joints of an arm, their limits, Denavit-Hartenberg rows, screws, reach and structure."""
+    """Print the joints of an arm, their limits, Denavit-Hartenberg rows, screws, reach and structure.
+
+    For example:
+      pieper info ur5e
+    """
     from dataclasses import asdict
 
     from pieper.ik.family import find_family

@@ -53,10 +53,11 @@ def launch(
 ) -> int:
     """Start the nodes of a mode, one process each; Ctrl-C ends them.
 
-    As in: pieper launch inverse --arm mh12
-
     forward: description, controller (moves a simulated arm) and forward. inverse: description, controller and inverse.
     ik: description and ik_server. As in launch files of ROS, mode:=, arm:= and ur_type:= are understood too.
+
+    For example:
+      pieper launch inverse --arm mh12
     """
     from pieper.ros import launch as processes
     from pieper.ros.arguments import parse

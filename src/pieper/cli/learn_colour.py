@@ -83,7 +83,8 @@ def learn_colour(
 ) -> int:
     """Learn colours from boxes on frames of a video, and test them.
 
-    pieper learn-colour video.mp4 --roi red:0,310,200,20,20 --roi red:90,320,210,20,20 --roi blue:0,350,200,20,20
+    For example:
+      pieper learn-colour clean/video.mp4 --rois clean/regions.yaml
     """
     from pieper.perception.color import draw_color
     from pieper.perception.color_learning import learn, read_regions, regions_as_data

@@ -68,7 +68,7 @@ app = typer.Typer(
 _PARTS: dict[str, dict[ModuleType, str]] = {
     "Arms": {
         robots: "List the built-in robots.",
-        info: "Joints, limits, DH rows, screws and reach of an arm.",
+        info: "Joints, limits, DH rows, screws, reach of an arm.",
         fk: "Pose of the tip at given joint values.",
         ik: "Joint values that reach a target.",
         reach: "Reach a target from zero, and show the way.",

@@ -83,7 +83,12 @@ def move(
     nominal: Nominal = False,
     as_json: Json = False,
 ) -> int:
-    """A motion from rest to rest to joint values (--to) or to a pose (--target), within limits of velocity, acceleration and jerk."""
+    """A motion from rest to rest to joint values (--to) or to a pose (--target), within limits of velocity, acceleration and jerk.
+
+    For example:
+      pieper move ur5e --from 0,-1,1,0,0,0 --to 1,-1,1,-1,-1,0 --out move.csv
+      pieper move ur5e --from 0,-1,1,-1,-1,0 --target 0.5 0.2 0.4 --straight
+    """
     import numpy as np
 
     from pieper.motion import files

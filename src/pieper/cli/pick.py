@@ -91,7 +91,11 @@ def pick(
     speed: Annotated[float, typer.Option("--speed", metavar="X", help="Play it X times as fast; the film.")] = 1.0,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print the count only, not the stages.")] = False,
 ) -> int:
-    """Pick things out of slots and place them in a bin, with contact physics; 0 when all are placed, 1 when not."""
+    """Pick things out of slots and place them in a bin, with contact physics; 0 when all are placed, 1 when not.
+
+    For example:
+      pieper pick --arm kr210 --cycles 1
+    """
     from pieper.sim import film
     from pieper.tasks.pick import PickAndPlace, chosen_planner
     from pieper.tasks.pick_log import PickLog

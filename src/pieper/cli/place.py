@@ -56,7 +56,11 @@ def place(
     ] = None,
     json: Json = False,
 ) -> int:
-    """Find the base pose from which an arm reaches most poses of a task, farthest from its limits; or the best arm."""
+    """Find the base pose from which an arm reaches most poses of a task, farthest from its limits; or the best arm.
+
+    For example:
+      pieper place ur3e ur5e task.csv --step 0.25
+    """
     from pieper.workspace import place as placing
 
     if len(words) < 2:

@@ -58,7 +58,12 @@ def plan(
     tip: Tip = None,
     nominal: Nominal = False,
 ) -> int:
-    """Find a motion from joint values to joint values or a pose that touches nothing."""
+    r"""Find a motion from joint values to joint values or a pose that touches nothing.
+
+    For example:
+      pieper plan ur5e --world world.yaml --from 1.2,-1.2,1.2,-1.6,-1.6,0 \
+          --to -1.2,-1.2,1.2,-1.6,-1.6,0 --out plan.csv
+    """
     from pieper.motion import files, planning
     from pieper.motion.collision import CollisionModel
     from pieper.motion.world import World, read_world

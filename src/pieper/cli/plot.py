@@ -129,7 +129,11 @@ class _Look:
 
 
 def _path(robot: Arm, runs: list[Run], asked: _Iteration, look: _Look) -> Any:
-    """The path of the tip in three dimensions, and how far it strays from a straight line."""
+    """The path of the tip in three dimensions, and how far it strays from a straight line.
+
+    For example:
+      pieper plot path ur5e --trajectory move.csv --out path.png
+    """
     from pieper.viewer import plot
 
     paths = {run.label: robot.fk(run.rows)[:, :3, 3] for run in runs}
@@ -141,7 +145,11 @@ def _path(robot: Arm, runs: list[Run], asked: _Iteration, look: _Look) -> Any:
 
 
 def _joints(robot: Arm, runs: list[Run], asked: _Iteration, look: _Look) -> Any:
-    """Joint values and velocities over time, with what the limits forbid shaded; --deg draws degrees."""
+    """Joint values and velocities over time, with what the limits forbid shaded; --deg draws degrees.
+
+    For example:
+      pieper plot joints ur5e --trajectory move.csv --deg --out joints.png
+    """
     from pieper.viewer import plot
 
     if len(runs) > 1:
@@ -150,7 +158,12 @@ def _joints(robot: Arm, runs: list[Run], asked: _Iteration, look: _Look) -> Any:
 
 
 def _error(robot: Arm, runs: list[Run], asked: _Iteration, look: _Look) -> Any:
-    """What is left to the target against the iteration, or against the row of a file, on a logarithmic axis."""
+    r"""What is left to the target against the iteration, or against the row of a file, on a logarithmic axis.
+
+    For example:
+      pieper plot error ur5e --from-iteration --target 0.5 0.2 0.4 \
+          --k1 0.1 --k1 0.5 --out error.png
+    """
     import numpy as np
 
     from pieper.viewer import plot
@@ -171,7 +184,11 @@ def _error(robot: Arm, runs: list[Run], asked: _Iteration, look: _Look) -> Any:
 
 
 def _manipulability(robot: Arm, runs: list[Run], asked: _Iteration, look: _Look) -> Any:
-    """Manipulability along a path, and the distance to the nearest singularity."""
+    """Manipulability along a path, and the distance to the nearest singularity.
+
+    For example:
+      pieper plot manipulability ur5e --trajectory move.csv --out w.png
+    """
     from pieper.viewer import plot
 
     return plot.manipulability(robot, {run.label: run.q for run in runs}, title=look.title, theme=look.theme)
@@ -253,7 +270,11 @@ def compare(
     title: Title = "",
     nominal: Nominal = False,
 ) -> int:
-    """Two models side by side, and their difference in mm and mrad while each joint sweeps its range."""
+    """Two models side by side, and their difference in mm and mrad while each joint sweeps its range.
+
+    For example:
+      pieper plot compare mh12-report mh12 --out models.png
+    """
     from pieper.cli.target import start_values
     from pieper.viewer import plot
     from pieper.viewer.compare import Comparison
@@ -264,9 +285,7 @@ def compare(
     for rule in Comparison(robot, second, turn_tip=not as_is).rules:
         _say(rule)
     shown: Any = {"degrees": degrees, "title": title, "theme": theme}
-    figure = plot.compare(
-        robot, second, question=question.value, q=q, samples=samples, turn_tip=not as_is, **shown
-    )
+    figure = plot.compare(robot, second, question=question.value, q=q, samples=samples, turn_tip=not as_is, **shown)
     _finish(figure, out)
     return 0
 

@@ -66,7 +66,11 @@ def reach(
     nominal: Nominal = False,
     as_json: Json = False,
 ) -> int:
-    """Bring the tip to a target, starting from zero: joint table, errors, or how far the nearest pose is."""
+    """Bring the tip to a target, starting from zero: joint table, errors, or how far the nearest pose is.
+
+    For example:
+      pieper reach mh12 0.3 0.3 0.3
+    """
     from pieper.ik.solve import solve
 
     robot = load(arm, base=base, tip=tip, nominal=nominal)

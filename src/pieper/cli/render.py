@@ -92,7 +92,11 @@ def render(
     tip: Tip = None,
     nominal: Nominal = False,
 ) -> int:
-    """Draw an arm into a PNG picture, or its motion into an MP4 or GIF film; needs no screen."""
+    """Draw an arm into a PNG picture, or its motion into an MP4 or GIF film; needs no screen.
+
+    For example:
+      pieper render mh12 mh12.png --frames
+    """
     from pieper.motion import files
     from pieper.sim.picture import Picture
 

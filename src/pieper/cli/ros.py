@@ -78,7 +78,9 @@ def _verb(entry: Entry) -> Callable[..., None]:
             _check_declared(entry, bus, parameters)
             bus.spin()
 
-    run.__doc__ = entry.summary
+    run.__doc__ = (
+        f"{entry.summary}\n\nFor example:\n  pieper ros {entry.name}{'' if entry.needs == 'nothing' else ' mh12'}"
+    )
     return run
 
 
@@ -140,7 +142,11 @@ def _check_declared(entry: Entry, bus: Bus, parameters: list[str]) -> None:
 
 
 def _list() -> None:
-    """List the nodes."""
+    """List the nodes.
+
+    For example:
+      pieper ros list
+    """
     from pieper.cli.show import console, print_table
 
     print_table(

@@ -59,7 +59,11 @@ def synthesize(
     force: Annotated[bool, typer.Option("--force", help="Write over what is there.")] = False,
     as_json: Json = False,
 ) -> int:
-    """Draw a scene with exact truth: video, truth, calibration, patterns, and regions that show the colours."""
+    """Draw a scene with exact truth: video, truth, calibration, patterns, and regions that show the colours.
+
+    For example:
+      pieper synthesize clean --count 30
+    """
     from pieper.perception import scene_folder
     from pieper.perception.scene import PRESETS, preset
 

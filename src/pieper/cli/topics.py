@@ -55,9 +55,11 @@ def pub(
     network: Network = False,
     domain: Domain = None,
 ) -> int:
-    """Send a message to a topic, again and again.
+    r"""Send a message to a topic, again and again.
 
-    As in: pieper ros pub /target geometry_msgs/msg/Point '{x: 0.3, y: 0.3, z: 0.3}' --once
+    For example:
+      pieper ros pub /target geometry_msgs/msg/Point \
+          '{x: 0.3, y: 0.3, z: 0.3}' --once
     """
     type_name, fields = _type_and_fields(topic, words or [])
     count = 1 if once else times
@@ -111,7 +113,11 @@ def echo(
     network: Network = False,
     domain: Domain = None,
 ) -> int:
-    """Print the messages of a topic as YAML."""
+    """Print the messages of a topic as YAML.
+
+    For example:
+      pieper ros echo /joint_states --once
+    """
     from pieper.ros import messages
 
     name, _ = _type_and_fields(topic, [type_name] if type_name else [])
@@ -165,7 +171,12 @@ def call(
     network: Network = False,
     domain: Domain = None,
 ) -> int:
-    """Call a service, and print its answer as YAML."""
+    r"""Call a service, and print its answer as YAML.
+
+    For example:
+      pieper ros call /quat2zyx pieper_interfaces/srv/QuatToZYX \
+          '{q: {z: 0.7, w: 0.7}}'
+    """
     from pieper.ros import messages
 
     full = _full_type(type_name, "srv")

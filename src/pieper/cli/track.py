@@ -114,7 +114,12 @@ def track(
     ] = 60,
     verbose: Annotated[bool, typer.Option("--verbose", help="Print every detection with its radius.")] = False,
 ) -> int:
-    """Follow coloured markers, or robots that carry them; in pixels, or in metres with --field."""
+    r"""Follow coloured markers, or robots that carry them; in pixels, or in metres with --field.
+
+    For example:
+      pieper track clean/video.mp4 --colors colors.yaml \
+          --field clean/field.yaml --patterns clean/patterns.yaml --out tracks.csv
+    """
     from pieper.perception.follow import Summary, follow
     from pieper.perception.opencv import quiet
     from pieper.perception.output import create_tracks

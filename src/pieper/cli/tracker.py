@@ -57,7 +57,12 @@ def tracker(
     network: Network = False,
     domain: Domain = None,
 ) -> None:
-    """Robots and balls that a camera sees."""
+    r"""Robots and balls that a camera sees.
+
+    For example:
+      pieper ros tracker clean/video.mp4 --colors colors.yaml \
+          --field clean/field.yaml --patterns clean/patterns.yaml
+    """
     from pieper.perception.color import ColorModel
     from pieper.perception.pipeline import MarkerTracker
     from pieper.perception.source import open_source

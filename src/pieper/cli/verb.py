@@ -9,7 +9,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from pieper.errors import unknown_name
 
-_EXAMPLES = re.compile(r"^(?=Examples?:$)", re.MULTILINE)
+_EXAMPLES = re.compile(r"^(?=For example:$)", re.MULTILINE)
 _KEEP_LINES = "\b\n"  # before a paragraph whose lines are not to be filled again
 _ELSE = "More"
 

@@ -110,7 +110,12 @@ def view(
     tip: Tip = None,
     nominal: Nominal = False,
 ) -> int:
-    """Open an arm in the browser: jog it, drag its tip, compare it, play motions. On this machine alone; Ctrl-C ends it."""
+    """Open an arm in the browser: jog it, drag its tip, compare it, play motions. On this machine alone; Ctrl-C ends it.
+
+    For example:
+      pieper view ur5e --solve
+      pieper view mh12 --export mh12.html
+    """
     if theme not in _THEMES:
         raise ArrayError(f"--theme must be light or dark, got {theme!r}")
     if export is not None and export.suffix.lower() not in (".html", ".htm"):

@@ -128,7 +128,11 @@ def workspace(
     tip: Tip = None,
     nominal: Nominal = False,
 ) -> int:
-    """Map where an arm can reach, with how many of all orientations, solutions, and how far from limits and singularities."""
+    """Map where an arm can reach, with how many of all orientations, solutions, and how far from limits and singularities.
+
+    For example:
+      pieper workspace ur5e --voxel 0.2 --orientations 20 --out ur5e.zarr
+    """
     from pieper.workspace.survey import survey
 
     files = exports or []
