@@ -154,6 +154,7 @@ def test_a_meaning_has_one_name() -> None:
         "A tool",
         "Of the base [m]",
         "The same",
+        "Seven joints",
     }, twice
 
 

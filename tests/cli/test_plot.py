@@ -60,7 +60,9 @@ def test_row_b17_on_the_command_line(pieper_command, tmp_path):
 
 @pytest.mark.parametrize("verb", ["path", "joints", "manipulability"])
 def test_files_are_drawn(pieper_command, motion, tmp_path, verb):
-    result = pieper_command("plot", verb, "ur5e", "--trajectory", motion, "--deg", "--theme", "dark", "--out", "out.png")
+    result = pieper_command(
+        "plot", verb, "ur5e", "--trajectory", motion, "--deg", "--theme", "dark", "--out", "out.png"
+    )
     assert result.code == 0, result.err
     assert (tmp_path / "out.png").stat().st_size > 10_000
 

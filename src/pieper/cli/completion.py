@@ -47,7 +47,7 @@ def tables() -> list[str]:
     """The robots, and the tables on record: ``kr210:report``."""
     from pieper.model import catalog
 
-    return robots() + [f"{name}:{label}" for name in catalog.names() for label in catalog.dh_tables(name)]
+    return robots() + [f"{name}:{label}" for name in robots() for label in catalog.dh_tables(name)]
 
 
 def universal_robots() -> list[str]:
@@ -72,7 +72,7 @@ def mounts() -> list[str]:
 
 def drawings() -> list[str]:
     """What ``render --dh`` draws."""
-    return ["standard", "modified", "hayati", "simplified", "full"]
+    return ["standard", "modified", "hayati", "simplified", "full", "full_z_down"]
 
 
 def colors(context: typer.Context) -> list[str]:
