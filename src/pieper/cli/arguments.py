@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -85,6 +85,11 @@ def _table_on_record(name: str) -> DhTable | None:
     if label not in tables:
         raise unknown_name("DH table", label, sorted(tables), f"the records of {robot!r}")
     return tables[label]
+
+
+def about(arm: Arm) -> dict[str, Any]:
+    """What every ``--json`` begins with: the arm, its ends, and the order of its joint values."""
+    return {"arm": arm.name, "base": arm.base, "tip": arm.tip, "joint_names": list(arm.joint_names)}
 
 
 def joint_values(arm: Arm, values: Sequence[float], *, degrees: bool) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pieper.cli.arguments import ArmName, Base, Degrees, Json, Nominal, Tip, load, turning
+from pieper.cli.arguments import ArmName, Base, Degrees, Json, Nominal, Tip, about, load, turning
 from pieper.cli.outputs import keep_apart
 from pieper.cli.record import screw_record
 from pieper.cli.show import console, plain, print_json, print_table
@@ -112,7 +112,7 @@ def calibrate_arm(
     if out is not None:
         _write(found, out)
     if as_json:
-        print_json(_record(found, check, lines, more))
+        print_json(_record(robot, found, check, lines, more))
     else:
         _print(robot, found, check, lines, more)
         if out is not None:
@@ -202,10 +202,13 @@ def _rows(lines: Sequence[int]) -> str:
     return f": {'row' if len(lines) == 1 else 'rows'} {shown}{' ...' if len(lines) > 8 else ''}"
 
 
-def _record(found: Calibration, check: Check | None, lines: Sequence[int], more: NDArray[np.float64]) -> dict[str, Any]:
+def _record(
+    robot: Arm, found: Calibration, check: Check | None, lines: Sequence[int], more: NDArray[np.float64]
+) -> dict[str, Any]:
     known = found.identifiability
     return {
-        "arm": screw_record(found.chain),
+        **about(robot),
+        "calibrated": screw_record(found.chain),
         "converged": found.converged,
         "reason": found.reason,
         "parameters": [

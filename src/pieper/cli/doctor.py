@@ -89,7 +89,7 @@ def _python() -> dict[str, str]:
 
 
 def _check(name: str, finding: Finding) -> dict[str, Any]:
-    kind = {"extra": True, "gives": EXTRAS[name].gives} if name in EXTRAS else {"extra": False}
+    kind = {"extra": True, "gives": EXTRAS[name].gives} if name in EXTRAS else {"extra": False, "gives": None}
     return {"name": name, **kind, **finding._asdict()}
 
 

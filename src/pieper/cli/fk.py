@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from pieper.cli.arguments import ArmName, Base, Degrees, Json, Nominal, Tip, joint_values, load
+from pieper.cli.arguments import ArmName, Base, Degrees, Json, Nominal, Tip, about, joint_values, load
 from pieper.cli.show import console, matrix, numbers, print_json
 
 
@@ -40,10 +40,8 @@ def fk(
     if as_json:
         print_json(
             {
-                "arm": robot.name,
-                "base": robot.base,
+                **about(robot),
                 "tip": end,
-                "joint_names": robot.joint_names,
                 "q": values,
                 "position": position,
                 "quaternion_xyzw": quaternion,

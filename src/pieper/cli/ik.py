@@ -20,6 +20,7 @@ from pieper.cli.arguments import (
     X,
     Y,
     Z,
+    about,
     load,
     turning,
 )
@@ -86,10 +87,7 @@ def ik(
     if as_json:
         print_json(
             {
-                "arm": robot.name,
-                "base": robot.base,
-                "tip": robot.tip,
-                "joint_names": robot.joint_names,
+                **about(robot),
                 "target": goal.record(),
                 **outcome(answers),
                 "complete": bool(answers.complete),

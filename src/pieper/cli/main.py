@@ -6,6 +6,7 @@ optional package is missing; 4 a fault in pieper itself; 130 interrupted.
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import sys
@@ -166,34 +167,40 @@ def _give_up_a_log_that_cannot_be_written() -> None:
 
 def _run(typed: list[str]) -> int:
     # A leading space keeps a negative number from being taken for an option; float() does not mind it.
-    typed = [" " + word if _NEGATIVE_NUMBER.fullmatch(word) else word for word in typed]
+    words = [" " + word if _NEGATIVE_NUMBER.fullmatch(word) else word for word in typed]
+    complain = _complain_in_json if "--json" in words else _complain
     with warnings.catch_warnings():
         warnings.simplefilter("always", PieperWarning)
         warnings.showwarning = _warnings_once()
         try:
-            code = int(app(typed or ["--help"], prog_name="pieper", standalone_mode=False) or DONE)
-            return (
-                _complain("interrupted", code) if code == INTERRUPTED else code
-            )  # typer makes it of Ctrl-C, and is silent
-        except _UsageError as error:
-            return _complain(_usage(error), BAD_INPUT)
-        except (MissingExtraError, MissingLibraryError) as error:
-            return _complain(str(error), MISSING_PACKAGE)
-        except (PieperError, OSError) as error:
-            if isinstance(error, BrokenPipeError):  # the reader of a pipe has seen enough, as `| head` does
-                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-                return DONE
-            return _complain(_sentence(error), BAD_INPUT)
-        except UnicodeEncodeError as error:
-            odd = error.object[error.start : error.end]
-            return _complain(
-                f"the output is {error.encoding}, which cannot show {odd!r}; set PYTHONIOENCODING=utf-8", BAD_INPUT
-            )
-        except (KeyboardInterrupt, typer.Abort):
-            return _complain("interrupted", INTERRUPTED)
+            code = int(app(words, prog_name="pieper", standalone_mode=False) or DONE)
+            if code == INTERRUPTED:  # typer makes it of Ctrl-C, and is silent
+                return complain("Interrupted", "interrupted", code)
+            return code
+        except BrokenPipeError:  # the reader of a pipe has seen enough, as `| head` does
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return DONE
         except Exception as error:  # noqa: BLE001  a script must not take a crash for "not reached"
-            traceback.print_exception(error)
-            return _complain("this is a fault in pieper; please report it with the lines above", FAULT)
+            return complain(type(error).__name__, *_what_is_wrong(error))
+        except KeyboardInterrupt:
+            return complain("Interrupted", "interrupted", INTERRUPTED)
+
+
+def _what_is_wrong(error: Exception) -> tuple[str, int]:
+    """An error in a sentence, and the exit code."""
+    if isinstance(error, typer.Abort):
+        return "interrupted", INTERRUPTED
+    if isinstance(error, _UsageError):
+        return _usage(error), BAD_INPUT
+    if isinstance(error, MissingExtraError | MissingLibraryError):
+        return str(error), MISSING_PACKAGE
+    if isinstance(error, UnicodeEncodeError):
+        odd = error.object[error.start : error.end]
+        return f"the output is {error.encoding}, which cannot show {odd!r}; set PYTHONIOENCODING=utf-8", BAD_INPUT
+    if isinstance(error, PieperError | OSError):
+        return _sentence(error), BAD_INPUT
+    traceback.print_exception(error)
+    return "this is a fault in pieper; please report it with the lines above", FAULT
 
 
 def _usage(error: Exception) -> str:
@@ -212,8 +219,15 @@ def _sentence(error: Exception) -> str:
     return str(error)
 
 
-def _complain(sentence: str, code: int) -> int:
+def _complain(_: str, sentence: str, code: int) -> int:
     typer.secho(f"pieper: {' '.join(sentence.split())}", err=True, fg=typer.colors.RED)
+    return code
+
+
+def _complain_in_json(kind: str, sentence: str, code: int) -> int:
+    """The same in one line for a script, which is the last one on standard error."""
+    error = {"error": " ".join(sentence.split()), "kind": kind, "exit_code": code}
+    typer.echo(json.dumps(error, ensure_ascii=False), err=True)
     return code
 
 

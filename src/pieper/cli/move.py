@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from pieper.cli.arguments import ArmName, Axis, Base, Degrees, Json, Nominal, Quaternion, Rpy, Start, Tip, load
+from pieper.cli.arguments import ArmName, Axis, Base, Degrees, Json, Nominal, Quaternion, Rpy, Start, Tip, about, load
 from pieper.cli.show import console, print_json
 from pieper.cli.target import start_values, wanted
 from pieper.errors import PieperError
@@ -58,6 +58,9 @@ Figure = Annotated[
     Path | None,
     typer.Option("--figure", metavar="FILE", help="Draw a .png, .pdf or .svg; joint values and velocities."),
 ]
+
+_ANSWER = ("reached", "reason", "break", "duration", "branch", "limits_used", "trajectory")
+"""What ``--json`` says of a motion; null where there is nothing to say."""
 
 
 def move(
@@ -124,7 +127,7 @@ def move(
                 break
         assert way is not None
         if way.broken is not None:
-            return _not_reached(way, as_json)
+            return _not_reached(robot, way, as_json)
         made = time_path(way, tcp=tcp, **limits)
     else:
         if q_goal is None:
@@ -136,7 +139,7 @@ def move(
                 if answers.reached:
                     break
             if not answers.reached:
-                return _not_reached(answers.reason, as_json)
+                return _not_reached(robot, answers.reason, as_json)
             q_goal = robot.nearest_ik(T_goal, q_start) if kept == "pose" else _nearest(answers, q_start)
         made = time_waypoints(robot.chain, [q_start, q_goal], tcp=tcp, **limits)
     used = usage(made, JointLimits.of(robot.chain, **limits), tcp)
@@ -187,19 +190,15 @@ def _straight(robot: Arm, q_start: NDArray[np.float64], T_goal: NDArray[np.float
     return follow_path(robot.chain, line(robot.fk(q_start), T_goal), q_start=q_start, target=kept)
 
 
-def _not_reached(why: JointPath | str, as_json: bool) -> int:
-    reason = why if isinstance(why, str) else str(why.broken)
+def _not_reached(robot: Arm, why: JointPath | str, as_json: bool) -> int:
+    broken = None if isinstance(why, str) else why.broken
+    reason = why if isinstance(why, str) else str(broken)
     if as_json:
-        broken = None if isinstance(why, str) else why.broken
-        print_json(
-            {
-                "reached": False,
-                "reason": reason,
-                "break": None
-                if broken is None
-                else {"s": broken.s, "reason": broken.reason, "precision": broken.precision, "start": broken.start},
-            }
-        )
+        record: dict[str, Any] = {**about(robot), **dict.fromkeys(_ANSWER)}
+        record |= {"reached": False, "reason": reason}
+        if broken is not None:
+            record["break"] = {key: getattr(broken, key) for key in ("s", "reason", "precision", "start")}
+        print_json(record)
     else:
         console().print(f"not reached  {reason}", style="red", markup=False)
     return 1
@@ -207,7 +206,8 @@ def _not_reached(why: JointPath | str, as_json: bool) -> int:
 
 def _record(robot: Arm, made: Trajectory, way: JointPath | None, used: Usage) -> dict[str, Any]:
     return {
-        "arm": robot.name,
+        **about(robot),
+        **dict.fromkeys(_ANSWER),
         "reached": True,
         "duration": made.duration,
         "branch": None if way is None or not way.branch else way.branch[0],

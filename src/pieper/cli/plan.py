@@ -7,7 +7,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pieper.cli.arguments import ArmName, Base, Degrees, Json, Nominal, Quaternion, Rpy, Start, Tip, load, turning
+from pieper.cli.arguments import (
+    ArmName,
+    Base,
+    Degrees,
+    Json,
+    Nominal,
+    Quaternion,
+    Rpy,
+    Start,
+    Tip,
+    about,
+    load,
+    turning,
+)
 from pieper.cli.move import Acceleration, Jerk, Out, To, Velocity
 from pieper.cli.show import console, print_json, print_table
 from pieper.cli.target import start_values, wanted
@@ -94,7 +107,7 @@ def plan(
     if picture is not None:
         _draw(robot, around, found, picture)
     if json:
-        print_json(_record(found, motion))
+        print_json(_record(robot, found, motion))
     else:
         _print(robot, found, motion)
         for path in (out if found.found else None, picture):
@@ -141,13 +154,13 @@ def _print(robot: Arm, found: Plan, motion: Trajectory | None) -> None:
         out.print(f"{found.status}  {found.reason}", style="red", markup=False, soft_wrap=True)
 
 
-def _record(found: Plan, motion: Trajectory | None) -> dict[str, Any]:
+def _record(robot: Arm, found: Plan, motion: Trajectory | None) -> dict[str, Any]:
     pair = found.blocking
     return {
+        **about(robot),
         "found": found.found,
         "status": found.status,
         "reason": found.reason,
-        "joint_names": list(found.joint_names),
         "q": found.q,
         "duration": None if motion is None else motion.duration,
         "blocking": None if pair is None else {"first": pair.first, "second": pair.second, "distance": pair.distance},

@@ -21,6 +21,7 @@ from pieper.cli.arguments import (
     X,
     Y,
     Z,
+    about,
     load,
     turning,
 )
@@ -108,10 +109,7 @@ def _record(robot: Arm, goal: Wanted, answers: IKSolutions, q: NDArray[np.float6
     T = robot.fk(q)
     position_error, rotation_error = _errors(answers)
     return {
-        "arm": robot.name,
-        "base": robot.base,
-        "tip": robot.tip,
-        "joint_names": robot.joint_names,
+        **about(robot),
         "target": goal.record(),
         **outcome(answers),
         "q": q,
