@@ -150,6 +150,7 @@ def test_P1_options_are_read_by_their_names(run):
     ("words", "message"),
     [
         (["--out", "t.txt"], "a table of tracks must end in .csv, .jsonl, .parquet"),
+        (["--size", "640x480"], "--size is for raw frames on standard input, named -; "),
         (["--record", "t.gif"], "an annotated video must end in .mp4, .avi"),
         (["--out", "none/t.csv"], "none: no such folder"),
         (["--method", "reprt"], "no method 'reprt'; did you mean 'report'"),

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from pieper.cli.outputs import keep_apart
-from pieper.cli.show import console
+from pieper.cli.progress import progress_bar
+from pieper.cli.show import say
 from pieper.errors import VisionError
 
 BoardName = Annotated[
@@ -65,7 +64,7 @@ def calibrate_camera(
             raise VisionError(f"--draw writes a .png, got {str(draw)!r}")
         shown.save_drawing(draw, dpi)
         width, height = ((n + 2) * shown.square * 1e3 for n in shown.squares)
-        _say(f"wrote {draw}  {shown}, {width:g} x {height:g} mm with its margin, {dpi} dots per inch; print at 100 %")
+        say(f"wrote {draw}  {shown}, {width:g} x {height:g} mm with its margin, {dpi} dots per inch; print at 100 %")
         return 0
     if not sources:
         raise VisionError("give images, a folder or a video that show the board; --draw FILE makes a board to print")
@@ -76,27 +75,10 @@ def calibrate_camera(
         found = find_views(sources, shown, most=most, progress=progress)
     result = calibrate(found, shown, coefficients=distortion)
     result.save(out, sources=[source.name for source in sources])
-    _say(f"board found in {len(found.views)} views that are used, of {found.looked_at} images")
-    _say(result.report())
-    _say(f"wrote {out}")
+    say(f"board found in {len(found.views)} views that are used, of {found.looked_at} images")
+    say(result.report())
+    say(f"wrote {out}")
     if picture is not None:
         save_picture(picture, camera_picture(result))
-        _say(f"wrote {picture}")
+        say(f"wrote {picture}")
     return 0
-
-
-@contextmanager
-def progress_bar(words: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar on standard error, where that is a terminal; called with how many of how many are done."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    screen = Console(stderr=True)
-    columns = (TextColumn(words), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as bar:
-        task = bar.add_task(words)
-        yield lambda done, of: bar.update(task, completed=done, total=of)
-
-
-def _say(words: str) -> None:
-    console().print(words, markup=False, highlight=False, soft_wrap=True)

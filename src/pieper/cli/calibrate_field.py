@@ -9,7 +9,7 @@ import typer
 
 from pieper.cli import completion
 from pieper.cli.outputs import keep_apart
-from pieper.cli.show import console
+from pieper.cli.show import say
 from pieper.errors import VisionError
 
 if TYPE_CHECKING:
@@ -96,11 +96,11 @@ def calibrate_field(
     known: dict[str, Any] = {"camera": lens, "camera_height": camera_height}
     result = _find(image, corner or [], lines, tags, radial, size, known)
     result.save(out, sources=[source.name, *([camera.name] if camera else [])])
-    _say(result.report())
-    _say(f"wrote {out}")
+    say(result.report())
+    say(f"wrote {out}")
     if picture is not None:
         save_picture(picture, result.picture(image))
-        _say(f"wrote {picture}")
+        say(f"wrote {picture}")
     return 0
 
 
@@ -161,7 +161,3 @@ def _size(text: str) -> tuple[float, float]:
     if not (0 < length < 1e3 and 0 < width < 1e3):
         raise VisionError(f"--field-size must be length x width in metres, such as 1.5x1.3, got {text!r}")
     return length, width
-
-
-def _say(words: str) -> None:
-    console().print(words, markup=False, highlight=False, soft_wrap=True)

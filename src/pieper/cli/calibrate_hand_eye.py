@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pieper.cli import completion
-from pieper.cli.calibrate_camera import BoardName, progress_bar
+from pieper.cli.calibrate_camera import BoardName
 from pieper.cli.outputs import keep_apart
-from pieper.cli.show import console
+from pieper.cli.progress import progress_bar
+from pieper.cli.show import say
 from pieper.errors import VisionError
 
 if TYPE_CHECKING:
@@ -68,9 +69,9 @@ def calibrate_hand_eye(
         captures = read_captures(source, robot)
         found, rows = _calibrated(captures, "hand" if camera_on == "hand" else "cell", camera, board)
         have = captures.Ts_base_tcp[rows][found.used]
-        _say(found.report())
+        say(found.report())
         save_hand_eye(out, found, sources=[source.name])
-        _say(f"wrote {out}")
+        say(f"wrote {out}")
     if plan is not None:
         near = None if captures is None or captures.q is None else captures.q[-1]
         _plan(plan, robot, camera, board, count, guess, found, have, near)
@@ -106,7 +107,7 @@ def _calibrated(
                 views.append(BoardView(captures.names[row], *corners))
                 rows.append(row)
             progress(row + 1, len(captures.images))
-    _say(f"board {shown} found in {len(views)} of {len(captures.images)} images")
+    say(f"board {shown} found in {len(views)} of {len(captures.images)} images")
     return calibrate_hand_eye_from_views(captures.Ts_base_tcp[rows], views, shown, lens, camera_on=camera_on), rows
 
 
@@ -141,11 +142,7 @@ def _plan(
         have=have, q_near=near,
     )  # fmt: skip
     write_captures(path, planned.q, images=[f"capture_{k + 1:02d}.png" for k in range(count)])
-    _say(
+    say(
         f"wrote {path}  {count} poses of {planned.reached} that the arm reaches; with them the camera is known to about "
         f"{1e3 * planned.position_deviation:.2f} mm and {np.degrees(planned.rotation_deviation):.3f} deg"
     )
-
-
-def _say(words: str) -> None:
-    console().print(words, markup=False, highlight=False, soft_wrap=True)

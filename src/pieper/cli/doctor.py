@@ -19,7 +19,6 @@ import typer
 from pieper.cli.arguments import Json
 from pieper.cli.probes import BROKEN, EXTRAS, OK, PROBES, Finding
 from pieper.cli.show import console, print_json, print_table
-from pieper.cli.signals import handled
 
 FAULT = 4  # as in pieper.cli.main
 _TOGETHER = 4  # children at a time
@@ -109,23 +108,18 @@ def look(names: list[str], timeout: float) -> dict[str, Finding]:
     """What each probe finds, in the order of the names; a few run at a time, each in a process of its own."""
     waiting, running, found = list(names), dict[str, _Child](), dict[str, Finding]()
     try:
-        with handled((signal.SIGTERM,), _interrupt):
-            while waiting or running:
-                while waiting and len(running) < _TOGETHER:
-                    name = waiting.pop(0)
-                    running[name] = _start(name, timeout)
-                for name, child in list(running.items()):
-                    if child.process.poll() is not None or time.monotonic() > child.until:
-                        found[name] = _end(running.pop(name), timeout)
-                time.sleep(0.02)
+        while waiting or running:
+            while waiting and len(running) < _TOGETHER:
+                name = waiting.pop(0)
+                running[name] = _start(name, timeout)
+            for name, child in list(running.items()):
+                if child.process.poll() is not None or time.monotonic() > child.until:
+                    found[name] = _end(running.pop(name), timeout)
+            time.sleep(0.02)
     finally:
         for child in running.values():
             _end(child, timeout)
     return {name: found[name] for name in names}
-
-
-def _interrupt(*_: object) -> None:
-    raise KeyboardInterrupt
 
 
 def _start(name: str, timeout: float) -> _Child:

@@ -45,6 +45,7 @@ from pieper.cli import (
     workspace,
 )
 from pieper.cli.node import RosCommand
+from pieper.cli.signals import ended_by_a_signal
 from pieper.cli.verb import Group, Verb
 from pieper.errors import MissingExtraError, MissingLibraryError, PieperError, PieperWarning
 
@@ -169,7 +170,7 @@ def _run(typed: list[str]) -> int:
     # A leading space keeps a negative number from being taken for an option; float() does not mind it.
     words = [" " + word if _NEGATIVE_NUMBER.fullmatch(word) else word for word in typed]
     complain = _complain_in_json if "--json" in words else _complain
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), ended_by_a_signal():
         warnings.simplefilter("always", PieperWarning)
         warnings.showwarning = _warnings_once()
         try:

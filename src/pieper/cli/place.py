@@ -10,7 +10,8 @@ import typer
 from pieper.cli import completion
 from pieper.cli.arguments import Json, load
 from pieper.cli.outputs import keep_apart
-from pieper.cli.show import console, print_json, print_table
+from pieper.cli.progress import progress_bar
+from pieper.cli.show import console, print_json, print_table, written
 from pieper.cli.workspace import Tool, ToolRpy, with_tool
 from pieper.errors import ArrayError
 
@@ -89,11 +90,11 @@ def place(
     else:
         _print(tried, best)
     if out is not None:
-        _say(placing.write_scores(tried, out), json=json)
+        written(placing.write_scores(tried, out), json=json)
     if figure is not None:
         from pieper.viewer import map_figure, plot
 
-        _say(plot.save(map_figure.placement(tried[best], targets), figure), json=json)
+        written(plot.save(map_figure.placement(tried[best], targets), figure), json=json)
     return 0 if tried[best].score[0] == len(targets) else 1
 
 
@@ -116,23 +117,10 @@ def _box(chain: Any, targets: FloatArray, x: Span | None, y: Span | None, step: 
 def _with_progress(
     name: str, robot: Any, targets: FloatArray, bases: FloatArray, position_only: bool, workers: int
 ) -> Placement:
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
     from pieper.workspace.place import place as try_bases
 
-    screen = Console(stderr=True)
-    columns = (TextColumn(name), BarColumn(), MofNCompleteColumn(), TextColumn("base poses"), TimeRemainingColumn())
-    with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as bar:
-        task = bar.add_task(name, total=len(bases))
-        return try_bases(
-            robot,
-            targets,
-            bases,
-            position_only=position_only,
-            workers=workers,
-            progress=lambda done, of: bar.update(task, completed=done, total=of),
-        )
+    with progress_bar(f"{name}, base poses") as advance:
+        return try_bases(robot, targets, bases, position_only=position_only, workers=workers, progress=advance)
 
 
 def _print(tried: list[Placement], best: int) -> None:
@@ -186,8 +174,3 @@ def _record(each: Placement) -> dict[str, Any]:
         "margin": float(each.margin[each.best]),
         "manipulability": float(each.manipulability[each.best]),
     }
-
-
-def _say(path: Path, *, json: bool) -> None:
-    if not json:
-        console().print(f"wrote {path}", markup=False, soft_wrap=True)

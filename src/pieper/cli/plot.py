@@ -11,7 +11,7 @@ import typer
 
 from pieper.cli import completion
 from pieper.cli.arguments import ArmName, Base, Degrees, Nominal, Quaternion, Rpy, Start, Tip, load
-from pieper.cli.show import console, small
+from pieper.cli.show import say, small
 from pieper.cli.verb import Group, Verb
 from pieper.errors import ArrayError, PieperError, UnknownNameError, unknown_name
 
@@ -139,7 +139,7 @@ def _path(robot: Arm, runs: list[Run], asked: _Iteration, look: _Look) -> Any:
     paths = {run.label: robot.fk(run.rows)[:, :3, 3] for run in runs}
     for label, points in paths.items():
         line = plot.straight_line(points, asked.target)
-        _say(f"{label}: {len(points)} points, at most {small(line.largest, 'm')} off the straight line")
+        say(f"{label}: {len(points)} points, at most {small(line.largest, 'm')} off the straight line")
     given = paths if len(paths) > 1 else next(iter(paths.values()))
     return plot.path(given, target=asked.target, title=look.title, theme=look.theme)
 
@@ -175,7 +175,7 @@ def _error(robot: Arm, runs: list[Run], asked: _Iteration, look: _Look) -> Any:
         left[run.label] = run.steps or np.linalg.norm(robot.fk(run.rows)[:, :3, 3] - np.array(asked.target), axis=1)
         if run.steps:
             distance, count = small(float(np.linalg.norm(run.steps[-1].error[:3])), "m"), run.steps[-1].iteration
-            _say(f"{run.label}: {distance} left after {count} steps")
+            say(f"{run.label}: {distance} left after {count} steps")
     iterated = all(run.steps for run in runs)
     rate = 1.0 - asked.alpha * asked.gains[0]
     shrinks = iterated and len(runs) == 1 and rate > 0.0 and not asked.damping
@@ -283,7 +283,7 @@ def compare(
     robot, second = load(arm, nominal=nominal), load(other)
     q = None if at is None else start_values(robot, at, degrees=degrees, option="--at")
     for rule in Comparison(robot, second, turn_tip=not as_is).rules:
-        _say(rule)
+        say(rule)
     shown: Any = {"degrees": degrees, "title": title, "theme": theme}
     figure = plot.compare(robot, second, question=question.value, q=q, samples=samples, turn_tip=not as_is, **shown)
     _finish(figure, out)
@@ -415,7 +415,3 @@ def _finish(figure: Any, out: Path | None) -> None:
     else:
         plot.save(figure, out)
         typer.echo(f"wrote {out}", err=True)
-
-
-def _say(line: str) -> None:
-    console().print(line, markup=False)

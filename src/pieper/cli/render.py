@@ -10,7 +10,9 @@ import typer
 
 from pieper.cli import completion
 from pieper.cli.arguments import ArmName, Axis, Base, Degrees, Nominal, Quaternion, Rpy, Tip, load
-from pieper.cli.show import console
+from pieper.cli.pixels import pixels
+from pieper.cli.progress import progress_bar
+from pieper.cli.show import say
 from pieper.cli.target import start_values, wanted
 from pieper.errors import ArrayError, unknown_name
 
@@ -110,7 +112,7 @@ def render(
     robot = load(arm, base=base, tip=tip, nominal=nominal)
     if dh is not None:
         robot = _arm_of_table(robot, dh)
-    picture = Picture(size=_size(size, film), theme=theme, view=_view(view), grid=grid)
+    picture = Picture(size=pixels(size or (_MOVING if film else _STILL)), theme=theme, view=_view(view), grid=grid)
     shown: dict[str, Any] = {"color": color, "frames": frames or dh is not None, "axes": axes, "meshes": meshes}
     start = start_values(robot, q, degrees=degrees, option="--q")
     move, answers = None, None
@@ -127,10 +129,10 @@ def render(
         _save_film(picture, out, fps=fps, speed=speed, hold=hold)
     else:
         picture.save(out, t=picture.duration)
-        console().print(f"wrote {out}  {_pixels(picture)}", markup=False, soft_wrap=True)
+        say(f"wrote {out}  {_pixels(picture)}")
     if answers is None or answers.reached:
         return 0
-    console().print(f"not reached  {answers.reason}", style="red", markup=False)
+    say(f"not reached  {answers.reason}", "red")
     return 1
 
 
@@ -139,13 +141,6 @@ def _is_film(out: Path) -> bool:
     if suffix not in (".png", ".mp4", ".gif"):
         raise ArrayError(f"FILE must end in .png, .mp4 or .gif, got {str(out)!r}")
     return suffix != ".png"
-
-
-def _size(text: str | None, film: bool) -> tuple[int, int]:
-    words = (text or (_MOVING if film else _STILL)).lower().split("x")
-    if len(words) != 2 or not all(word.strip().isdecimal() for word in words):
-        raise ArrayError(f"--size must be width x height in pixels, such as 960x720, got {text!r}")
-    return int(words[0]), int(words[1])
 
 
 def _view(text: str) -> str | tuple[float, float]:
@@ -201,25 +196,11 @@ def _move_to(robot: Arm, start: Any, goal: Wanted) -> tuple[Trajectory, IKSoluti
 
 
 def _save_film(picture: Picture, out: Path, *, fps: float | None, speed: float, hold: float) -> None:
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
     from pieper.sim import film
 
-    screen = Console(stderr=True)
-    columns = (TextColumn("frames"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as bar:
-        task = bar.add_task("frames")
-        count = film.save(
-            picture,
-            out,
-            fps=fps,
-            speed=speed,
-            hold=hold,
-            progress=lambda done, of: bar.update(task, completed=done, total=of),
-        )
-    words = f"wrote {out}  {_pixels(picture)}, {count} frames, motion {picture.duration:.2f} s"
-    console().print(words, markup=False, soft_wrap=True)
+    with progress_bar("frames") as advance:
+        count = film.save(picture, out, fps=fps, speed=speed, hold=hold, progress=advance)
+    say(f"wrote {out}  {_pixels(picture)}, {count} frames, motion {picture.duration:.2f} s")
 
 
 def _pixels(picture: Picture) -> str:

@@ -9,7 +9,9 @@ import typer
 
 from pieper.cli import completion
 from pieper.cli.arguments import Json
-from pieper.cli.show import console, print_json, print_table
+from pieper.cli.pixels import pixels
+from pieper.cli.progress import progress_bar
+from pieper.cli.show import console, print_json, print_table, say
 from pieper.errors import VisionError
 
 if TYPE_CHECKING:
@@ -84,8 +86,7 @@ def synthesize(
     if as_json:
         print_json({"scene": scene, "folder": str(folder), "film": film, "frames": written, "fps": made.fps})
         return 0
-    words = f"wrote {folder}  {film} of {written} frames, {written / made.fps:.2f} s, and {scene_folder.TRUTH}"
-    console().print(words, markup=False, soft_wrap=True)
+    say(f"wrote {folder}  {film} of {written} frames, {written / made.fps:.2f} s, and {scene_folder.TRUTH}")
     return 0
 
 
@@ -117,25 +118,14 @@ def _words(value: Any) -> str:
 
 
 def _size(text: str) -> tuple[int, int]:
-    words = text.lower().split("x")
-    if len(words) != 2 or not all(word.strip().isdecimal() for word in words):
-        raise VisionError(f"--size must be width x height in pixels, such as 640x480, got {text!r}")
-    width, height = int(words[0]), int(words[1])
+    width, height = pixels(text)
     if not (16 <= width <= 8192 and 16 <= height <= 8192):
         raise VisionError(f"--size must be 16 to 8192 pixels each way, got {text!r}")
     return width, height
 
 
 def _write(scene: Scene, folder: Path, *, lossless: bool, force: bool) -> int:
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
     from pieper.perception import scene_folder
 
-    screen = Console(stderr=True)
-    columns = (TextColumn("frames"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as bar:
-        task = bar.add_task("frames", total=len(scene))
-        return scene_folder.write(
-            scene, folder, lossless=lossless, force=force, progress=lambda done, _: bar.update(task, completed=done)
-        )
+    with progress_bar("frames") as advance:
+        return scene_folder.write(scene, folder, lossless=lossless, force=force, progress=advance)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +11,8 @@ import typer
 
 from pieper.cli import completion
 from pieper.cli.outputs import keep_apart
+from pieper.cli.pixels import pixels
+from pieper.cli.progress import progress_bar
 from pieper.cli.show import console
 from pieper.cli.signals import stopped_once
 from pieper.errors import VisionError, unknown_name
@@ -131,6 +132,10 @@ def track(
         raise unknown_name("method", method, METHODS)
     keep_apart([source, colors, field, patterns], {"--out": out, "--record": record})
     _check_files(out, record, resume, warm_up)
+    if size is not None and source != "-":
+        raise VisionError(
+            f"--size is for raw frames on standard input, named -; {source} tells its own size, so leave it out"
+        )
     model, tracker, view, heights = _tracker(
         colors, field, patterns, ball, largest or [], within, method=method, adapt=adapt, tracked=source
     )
@@ -143,7 +148,7 @@ def track(
                 source,
                 start=start if resumed is None else resumed.start,
                 stop=stop,
-                size=None if size is None else _size(size),
+                size=None if size is None else pixels(size),
                 fps=fps,
                 patience=patience,
             )
@@ -154,12 +159,14 @@ def track(
         film = _film(stack, record, frames, resumed)
         overlay = Overlay(view, colors=dict(zip(model.names, model.draw, strict=True)), height=heights, trail=trail)
         try:
-            with stopped_once(frames.stop) as signals, _progress(frames, start, stop, resumed) as advance:
+            first = start if resumed is None else resumed.last + 1
+            left = _left(frames, first, stop)
+            with stopped_once(frames.stop) as signals, progress_bar("frames", left) as advance:
 
                 def on_step(frame: Frame, step: Found) -> None:
                     if verbose:
                         _print_detections(step)
-                    advance(frame, summary)
+                    advance(frame.index + 1 - first, words=_beside(summary))
 
                 follow(
                     frames, tracker, tracks=table, video=film, overlay=overlay if film else None, on_step=on_step,
@@ -283,32 +290,16 @@ def _film(stack: ExitStack, video: Path | None, frames: Source, resumed: Resumed
     return film
 
 
-@contextmanager
-def _progress(
-    frames: Source, start: int, stop: int | None, resumed: Resumed | None
-) -> Iterator[Callable[[Frame, Summary], None]]:
-    """A bar on standard error, where that is a terminal: frames, frames per second, and the time that is left."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    first = start if resumed is None else resumed.last + 1
+def _left(frames: Source, first: int, stop: int | None) -> int | None:
+    """How many frames there are from the first on; None where nobody knows."""
     ends = [n for n in (stop, frames.info.frames) if n is not None]
-    screen = Console(stderr=True)
-    columns = (
-        TextColumn("frames"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as bar:
-        task = bar.add_task("frames", total=max(min(ends) - first, 0) if ends else None, rate="")
+    return max(min(ends) - first, 0) if ends else None
 
-        def advance(frame: Frame, summary: Summary) -> None:
-            lost = f", {summary.dropped} dropped" if summary.dropped else ""
-            bar.update(task, completed=frame.index + 1 - first, rate=f"{summary.fps:.0f} fps{lost}")
 
-        yield advance
+def _beside(summary: Summary) -> str:
+    """What is said beside the bar."""
+    lost = f", {summary.dropped} dropped" if summary.dropped else ""
+    return f"{summary.fps:.0f} fps{lost}"
 
 
 def _print_detections(step: Found) -> None:
@@ -337,13 +328,6 @@ def _print_summary(summary: Summary, out: Path | None, video: Path | None, unit:
         say(f"wrote {out}  in {'metres' if unit == 'm' else 'pixels'}", markup=False, soft_wrap=True)
     if video is not None:
         say(f"wrote {video}", markup=False, soft_wrap=True)
-
-
-def _size(text: str) -> tuple[int, int]:
-    words = text.lower().split("x")
-    if len(words) != 2 or not all(word.strip().isdecimal() for word in words):
-        raise VisionError(f"--size must be width x height in pixels, such as 640x480, got {text!r}")
-    return int(words[0]), int(words[1])
 
 
 def _rectangle(text: str) -> tuple[float, float, float, float]:

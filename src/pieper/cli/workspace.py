@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,13 +11,12 @@ import typer
 from pieper.cli import completion
 from pieper.cli.arguments import ArmName, Base, Json, Nominal, Tip, load
 from pieper.cli.outputs import keep_apart
-from pieper.cli.show import console, print_json
+from pieper.cli.progress import progress_bar
+from pieper.cli.show import console, print_json, written
 from pieper.cli.signals import stopped_once
 from pieper.errors import ArrayError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
     from pieper.arm import Arm
     from pieper.motion.world import World
     from pieper.workspace.map import Summary, WorkspaceMap
@@ -167,14 +165,14 @@ def workspace(
     for file in files:
         from pieper.workspace.export import export
 
-        _say_written(export(found, file, level=level), json=json)
+        written(export(found, file, level=level), json=json)
     if figure is not None:
         from pieper.viewer import plot
         from pieper.viewer.map_figure import workspace as drawn
 
-        _say_written(plot.save(drawn(found, quantity=show, chain=robot.chain, title=robot.name), figure), json=json)
+        written(plot.save(drawn(found, quantity=show, chain=robot.chain, title=robot.name), figure), json=json)
     if out is not None:
-        _say_written(out, json=json)
+        written(out, json=json)
     return 0 if summary.reachable > 0.0 else 1
 
 
@@ -265,11 +263,11 @@ def _make(asked: Survey, hands: Workers, out: Path | None, *, resume: bool) -> t
         kept: Store | None = None
         if out is not None:
             kept = stores.resume(out, asked) if begun else stores.create(out, asked)
-        with stopped_once(_say_stopping) as came, _progress(asked) as advance:
+        with stopped_once(_say_stopping) as came, progress_bar("chunks", asked.grid.chunks) as advance:
 
             def tell(step: Progress) -> None:
                 told[:] = [step]
-                advance(step)
+                advance(step.chunks, words=_beside(step))
 
             return run(asked, kept, workers=hands, progress=tell, stop=lambda: bool(came)), told[0]
     finally:
@@ -280,35 +278,10 @@ def _say_stopping() -> None:
     typer.echo("\nfinishing the chunks under way; once more to leave at once", err=True)
 
 
-@contextmanager
-def _progress(asked: Survey) -> Iterator[Callable[[Progress], None]]:
-    """A bar on standard error, where that is a terminal: chunks, poses per second, and the time that is left."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
-
-    screen = Console(stderr=True)
-    columns = (
-        TextColumn("chunks"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
-        TimeRemainingColumn(),
-    )
-    with Bar(*columns, console=screen, transient=True, disable=not screen.is_terminal) as bar:
-        task = bar.add_task("chunks", total=asked.grid.chunks, rate="")
-
-        def advance(step: Progress) -> None:
-            again = f", {step.retried} again" if step.retried else ""
-            rate = f"{step.rate / 1e6:.2f} million poses/s{again}" if step.poses else ""
-            bar.update(task, completed=step.chunks, rate=rate)
-
-        yield advance
-
-
-def _say_written(path: Path, *, json: bool) -> None:
-    if not json:
-        console().print(f"wrote {path}", markup=False, soft_wrap=True)
+def _beside(step: Progress) -> str:
+    """What is said beside the bar."""
+    again = f", {step.retried} again" if step.retried else ""
+    return f"{step.rate / 1e6:.2f} million poses/s{again}" if step.poses else ""
 
 
 def _record(found: WorkspaceMap, summary: Summary, last: Progress | None) -> dict[str, Any]:
