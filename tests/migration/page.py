@@ -11,13 +11,13 @@ from typing import Any
 PAGE = Path(__file__).parents[2] / "docs" / "guides" / "coming_from.md"
 EQUIVALENTS = ("You write", "In Pieper", "How they agree")
 COMPLAINTS = ("You pass", "It says")
-NOT_TESTED = "words"
+NOT_TESTED = "not run"
 OURS_ALONE = "ours runs"
 
 HEADING = re.compile(r"^## (.+)$", re.MULTILINE)
 BLOCK = re.compile(r"^```(python|py)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 TABLE = re.compile(r"(?:^\|.*\|\n)+", re.MULTILINE)
-CODE = re.compile(r"`([^`]+)`")
+CODE = re.compile(r"(`+)(.+?)\1(?!`)")
 RELATION = re.compile(r"\*\*([a-z ]+?)(?: to ([0-9.e-]+))?\*\*")
 
 
@@ -63,7 +63,7 @@ def rows_of(text: str, head: tuple[str, ...]) -> list[list[str]]:
 
 def code_of(cell: str) -> str:
     """The statements of a cell, one in each pair of backticks."""
-    return "\n".join(CODE.findall(cell))
+    return "\n".join(code for _, code in CODE.findall(cell))
 
 
 def lines_of(name: str, text: str) -> tuple[Line, ...]:

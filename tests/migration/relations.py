@@ -10,7 +10,6 @@ import numpy as np
 
 from pieper.arm import Arm
 from pieper.model.chain import Chain
-from pieper.spatial import pose
 
 SAME = 1e-9  # what two chains of a dozen double-precision products may differ by, a thousand times over
 SAMPLES = 20
@@ -145,7 +144,7 @@ def same_sets(theirs: Any, ours: Any, _: Any, tolerance: float) -> None:
         same_set(there, here, _, tolerance)
 
 
-def both_do(theirs: Any, ours: Any, _: Any, tolerance: float) -> None:
+def both_run(theirs: Any, ours: Any, _: Any, tolerance: float) -> None:
     """Each gives something of its own kind, not to be compared: a drawing, a sentence."""
     assert theirs is not None
     assert ours is not None
@@ -163,6 +162,6 @@ RELATIONS: dict[str, Relation] = {
     "same shape": same_shape,
     "among": among,
     "no worse": no_worse,
-    "both do": both_do,
-    "ours runs": both_do,
+    "both run": both_run,
+    "ours runs": both_run,
 }

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import importlib.metadata
-import re
 import warnings
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from tests.migration.page import OURS_ALONE, Line, sections, value_of
