@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import importlib.metadata
+import re
 import warnings
 from typing import Any
 
+import numpy as np
 import pytest
 
-from tests.migration.page import OURS_ALONE, Line, sections, value_of
+import pieper
+from tests.migration.page import OURS_ALONE, PAGE, Line, sections, value_of
 from tests.migration.relations import RELATIONS, SAME
 
 SECTIONS = sections()
@@ -20,9 +23,55 @@ PACKAGES = {  # by heading: what has to be installed
     "Pinocchio": ["pin", "coal"],
     "EAIK": ["EAIK"],
     "ssik": ["ssik"],
-    "MoveIt": ["rosbags"],  # what brings the types of messages; see the page
+    "MoveIt": ["rosbags", "coal", "ompl", "ruckig"],  # what our side needs; see the page
 }
 LINES = [line for section in SECTIONS.values() for line in section.lines if line.is_tested]
+
+
+def pinned(package: str) -> str | None:
+    """The version of a package in the group `peers` of pyproject.toml."""
+    text = (PAGE.parents[2] / "pyproject.toml").read_text(encoding="utf-8")
+    group = re.search(r"^peers = \[(.*?)^\]", text, re.MULTILINE | re.DOTALL)
+    assert group is not None
+    found = re.search(rf'"{re.escape(package)}==([^"]+)"', group[1])
+    return None if found is None else found[1]
+
+
+@pytest.mark.parametrize("name", PACKAGES)
+def test_the_page_names_the_version_that_is_pinned(name: str) -> None:
+    told = re.match(r"\s*(\d[\w.]*\d)\. ", SECTIONS[name].text)
+    assert (None if told is None else told[1]) == pinned(PACKAGES[name][0])
+
+
+def test_every_section_with_a_table_is_known_and_every_relation_is_used() -> None:
+    assert {name for name, section in SECTIONS.items() if section.lines} == set(PACKAGES)
+    assert {line.relation for line in LINES} == set(RELATIONS)
+    assert all(len(section.lines) >= 8 for section in SECTIONS.values() if section.lines)
+
+
+def test_a_line_that_does_not_agree_fails() -> None:
+    arm, other = pieper.load("ur5e"), pieper.load("ur10e")
+    answers = np.zeros((2, 6))
+    for name, theirs, ours in [
+        ("same", [1.0, 2.0], [1.0, 2.1]),
+        ("same", ["a"], ("b",)),
+        ("same", True, False),
+        ("same or negated", [1.0, 0.0], [0.9, 0.1]),
+        ("same arm", arm, other),
+        ("same set", answers[:1], answers),
+        ("same set", answers + 0.1, answers),
+        ("same sets", [answers + 0.1], answers[None]),
+        ("same rows", answers + 6.283185307179586, answers),
+        ("among", answers[0] + 0.1, answers),
+        ("same position", answers[0], answers[0] + 0.1),
+        ("same tool axis", answers[0], answers[0] + 0.1),
+        ("same shape", answers, answers[0]),
+        ("no worse", 0.1, 0.2),
+        ("both run", None, 1.0),
+        ("ours runs", "not run", None),
+    ]:
+        with pytest.raises(AssertionError):
+            RELATIONS[name](theirs, ours, arm, SAME)
 
 
 def missing(packages: list[str]) -> list[str]:
