@@ -38,7 +38,7 @@ def origin(data: dict) -> str:
     """One line: when, on what, with what."""
     versions = ", ".join(f"{name} {version}" for name, version in data["versions"].items())
     machine = data["machine"]
-    method = data["method"].partition("\n\n")[0].replace("\n", " ").rstrip(".?")
+    method = data["method"].partition("\n\n")[0].replace("\n", " ").rstrip(".")
     return (
         f"*{data['date']}, commit {', '.join(f'`{commit}`' for commit in commits(data))}, {machine['processor']}, "
         f"Python {machine['python']}; {versions}. {sentence(method)}*"
@@ -46,7 +46,7 @@ def origin(data: dict) -> str:
 
 
 def sentence(text: str) -> str:
-    return text[0].upper() + text[1:] + "."
+    return text[0].upper() + text[1:] + ("" if text.endswith("?") else ".")
 
 
 def in_place(page: str, name: str, lines: Iterable[str]) -> str:

@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 import matplotlib as mpl
 import results
+from markdown import time_text
 from matplotlib import pyplot as plt
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
@@ -19,6 +20,7 @@ from matplotlib.ticker import NullLocator
 IMAGES = results.HERE.parent / "docs" / "images"
 INK, FAINT, CARD = "#1f2328", "#8b949e", "#fbfbfa"
 OURS, YARDSTICK, OTHERS = "#0072b2", "#009e73", "#b8bec6"
+SERVO = "#56b4e9"
 SOLVERS = {  # how a solver's name begins: label, colour, marker
     "pieper": ("pieper", "#0072b2", "o"),
     "Robotics Toolbox": ("Robotics Toolbox", "#d55e00", "s"),
@@ -69,14 +71,6 @@ mpl.rcParams.update(
         "svg.hashsalt": "pieper",
     }
 )
-
-
-def time_text(nanoseconds: float) -> str:
-    """Three digits and a unit."""
-    for unit, size in (("ns", 1.0), ("µs", 1e3), ("ms", 1e6)):
-        if nanoseconds < 999.5 * size:
-            return f"{nanoseconds / size:.3g} {unit}"
-    return f"{nanoseconds / 1e9:.3g} s"
 
 
 def bars(axes: plt.Axes, rows: list[tuple[str, float, str]]) -> None:
@@ -256,11 +250,61 @@ def every_solution(data: dict) -> plt.Figure:
     return figure
 
 
+def motion(data: dict) -> plt.Figure:
+    """A pose of a path, and a cycle of the servo."""
+    path = data["path_ik_ms_per_1000_poses"]
+    rows = [(f"path IK, a pose: {label(name)}", 1e3 * row["median"], YARDSTICK) for name, row in path.items()]
+    rows += [(f"servo, a cycle: {label(name)}", 1e3 * row["median"], SERVO) for name, row in data["servo_us"].items()]
+    figure, axes = plt.subplots(figsize=(8, 0.27 * len(rows) + 0.9))
+    bars(axes, rows)
+    headline(figure, "Following: medians of one pose of a path and of one cycle of the servo")
+    return figure
+
+
+def label(name: str) -> str:
+    """The name of an arm as its maker writes it."""
+    arm, _, rest = name.partition(", ")
+    return f"{ {'ur5e': 'UR5e', 'kr210': 'KR210', 'panda': 'Panda'}.get(arm, arm) }, {rest}"
+
+
+def planning(data: dict) -> plt.Figure:
+    """How many questions are answered within a time."""
+    figure, axes = plt.subplots(figsize=(8, 3.1))
+    for (words, arms), color in zip(
+        {"KR210, nine slots": "kr210", "UR5e, random shelves": "ur5e"}.items(), (YARDSTICK, OURS), strict=True
+    ):
+        seconds = sorted(row["processor_seconds"] for row in data["rows"] if row["arm"] == arms)
+        share = [100.0 * (k + 1) / len(seconds) for k in range(len(seconds))]
+        axes.step(seconds, share, where="post", color=color, linewidth=1.8)
+        middle = seconds[round(0.62 * len(seconds))]
+        side = (8, -12) if color == OURS else (-8, 10)
+        axes.annotate(
+            words,
+            (middle, 62.0),
+            side,
+            textcoords="offset points",
+            color=color,
+            ha="left" if color == OURS else "right",
+        )
+    for limit, words in ((0.15, "asked: median"), (2.0, "asked: 99 %")):
+        axes.axvline(limit, color=FAINT, linewidth=1, linestyle=":")
+        axes.annotate(words, (limit, 2), (-3, 0), textcoords="offset points", fontsize=9, color=FAINT, ha="right")
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter(lambda value, _: time_text(1e9 * value))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_ylim(0, 112)
+    axes.set_yticks([0, 25, 50, 75, 100], ["0 %", "25 %", "50 %", "75 %", "100 %"])
+    headline(figure, "Paths among obstacles: share of questions answered within a time")
+    return figure
+
+
 PICTURES: dict[str, Callable[[dict], plt.Figure]] = {
     "forward_kinematics": forward_kinematics,
     "single_call": single_call,
     "every_solution": every_solution,
     "numeric_ik": numeric_ik,
+    "motion": motion,
+    "planning": planning,
 }
 
 

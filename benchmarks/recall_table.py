@@ -6,13 +6,12 @@ python benchmarks/recall_table.py
 from collections.abc import Iterable
 
 import results
+from markdown import Row, origin, table
 from recall import unpacked
-from table import origin, table
 
 PAGE = results.HERE.parent / "docs" / "recall.md"
 NEAR = 0.9e-8  # rad
 COUNTED = ("poses", "regular", "generating", "generating_regular", "branch", "answered", "answers", "false", "doubtful")
-Row = list[str]
 
 HEAD = """# Recall
 
@@ -208,7 +207,8 @@ def named(kinds: dict) -> Iterable[tuple[str, dict]]:
         yield f"boundary, {words}", tally
 
 
-def main() -> None:
+def page() -> str:
+    """The page as the data have it."""
     data = results.load("recall")
     for arm in data["arms"]:
         arm["kinds"] = unpacked(arm["kinds"])
@@ -238,7 +238,11 @@ def main() -> None:
         "",
         origin(data),
     ]
-    PAGE.write_text("\n".join(lines) + "\n")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    PAGE.write_text(page(), encoding="utf-8")
     print(PAGE)
 
 
