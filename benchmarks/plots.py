@@ -11,6 +11,7 @@ import pathlib
 from collections.abc import Callable
 
 import matplotlib as mpl
+import recall_table
 import results
 from markdown import time_text
 from matplotlib import pyplot as plt
@@ -298,6 +299,33 @@ def planning(data: dict) -> plt.Figure:
     return figure
 
 
+def recall(data: dict) -> plt.Figure:
+    """How many poses lose their branch, by kind of pose."""
+    none = 1e-8
+    groups = recall_table.groups(data)
+    kinds = list(next(iter(groups.values())))
+    figure, axes = plt.subplots(figsize=(8, 4.2))
+    styles = zip(groups.items(), ((OURS, "o"), (YARDSTICK, "^"), ("#d55e00", "s")), strict=True)
+    for k, ((words, by_kind), (color, marker)) in enumerate(styles):
+        lost = {kind: recall_table.missing(kind, figures) for kind, figures in by_kind.items()}
+        x = [max(part / whole, none) for part, whole in lost.values()]
+        y = [kinds.index(kind) + 0.26 * (k - 1) for kind in lost]
+        axes.plot(x, y, color=color, marker=marker, linestyle="none", markersize=6, label=words)
+    axes.set_xscale("log")
+    axes.set_xlim(none / 2, 1e-2)
+    axes.set_xticks([none, *(10.0**p for p in range(-7, -1))])
+    axes.xaxis.set_major_formatter(lambda x, _: "none" if x < 2 * none else f"{100 * x:.6g} %")
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_yticks(range(len(kinds)), kinds)
+    axes.set_ylim(len(kinds) - 0.5, -0.5)
+    axes.tick_params(axis="y", length=0)
+    axes.hlines([i + 0.5 for i in range(len(kinds) - 1)], *axes.get_xlim(), color=FAINT, alpha=0.25, linewidth=0.6)
+    figure.legend(loc="lower center", ncols=3, frameon=False, fontsize=9, handletextpad=0.2)
+    figure.suptitle("Poses that lose their branch; below 1e-8 rad: that are not answered", x=0.012, ha="left", fontsize=11, fontweight="bold")  # fmt: skip
+    figure.tight_layout(rect=(0, 0.07, 1, 1))
+    return figure
+
+
 PICTURES: dict[str, Callable[[dict], plt.Figure]] = {
     "forward_kinematics": forward_kinematics,
     "single_call": single_call,
@@ -305,6 +333,7 @@ PICTURES: dict[str, Callable[[dict], plt.Figure]] = {
     "numeric_ik": numeric_ik,
     "motion": motion,
     "planning": planning,
+    "recall": recall,
 }
 
 
