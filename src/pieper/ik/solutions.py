@@ -160,7 +160,13 @@ class IKSolutions:
 
     @property
     def reason(self) -> str:
-        """What became of the target, in words; for one target, see `reasons` for a batch."""
+        """What became of the target, in words; for one target, see `reasons` for a batch.
+
+        Raises
+        ------
+        ArrayError
+            There is more than one target.
+        """
         if self.status.ndim:
             raise ArrayError(f"reason is for one target; this holds a batch of shape {self.status.shape}: use reasons")
         return str(self.reasons[()])

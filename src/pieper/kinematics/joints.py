@@ -67,7 +67,7 @@ def as_out(out: object, shape: tuple[int, ...]) -> NDArray[np.float64]:
         got = f"{out.dtype} array of shape {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
         raise ArrayError(f"out must be a float64 array of shape {shape}, got {got}")
     if not (out.flags.c_contiguous and out.flags.writeable):
-        raise ArrayError("out must be C-contiguous and writeable")
+        raise ArrayError(f"out must be C-contiguous and writeable; make it with np.empty({shape})")
     return out
 
 

@@ -93,7 +93,7 @@ class Item:
 
     @property
     def pose(self) -> FloatArray:
-        """`T`, which is never None once the item is made."""
+        """`T`, (4, 4), which is never None once the item is made."""
         assert self.T is not None
         return self.T
 
@@ -193,6 +193,11 @@ def read_world(path: str | Path) -> World:
     ----------
     path : str or Path
         Mesh files are looked for beside it.
+
+    Returns
+    -------
+    World
+        The things that stand around, in the frame of the base.
 
     Raises
     ------

@@ -103,7 +103,7 @@ class CameraCalibration:
 
     @property
     def view_rms(self) -> FloatArray:
-        """RMS distance of each view [px]."""
+        """RMS distance of each view, (k,) [px]."""
         return np.array([_rms(r) for r in self.residuals])
 
     @property
@@ -193,6 +193,11 @@ def find_views(
     progress : callable, optional
         Told how many images of how many have been looked at.
 
+    Returns
+    -------
+    BoardViews
+        The corners of the board in each image that is taken.
+
     Raises
     ------
     VisionError
@@ -245,6 +250,11 @@ def calibrate_camera(found: BoardViews, board: Board, *, coefficients: int | Non
     board : Board
     coefficients : 0, 4, 5 or 8, optional
         Of distortion; by the rule above if not given.
+
+    Returns
+    -------
+    CameraCalibration
+        The lens, and how far each view is off [px].
 
     Raises
     ------

@@ -111,6 +111,11 @@ def plan_captures(
     seed : int
         Of the candidates.
 
+    Returns
+    -------
+    CapturePlan
+        Joint values and poses, in an order in which the arm moves little.
+
     Raises
     ------
     VisionError

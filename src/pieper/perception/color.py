@@ -262,6 +262,10 @@ class ColorModel:
         shifts : (k, 3) array, optional
             Added to the mean of each colour after that.
 
+        Returns
+        -------
+        ColorModel
+
         Raises
         ------
         VisionError
@@ -531,6 +535,13 @@ DRAWN: dict[str, Bgr] = {
 def draw_color(text: str) -> Bgr:
     """Return the blue, green and red of ``#rrggbb`` or of a word.
 
+    Raises
+    ------
+    VisionError
+        It is neither; the message lists the words.
+
+    Examples
+    --------
     >>> draw_color("#ff8000")
     (0, 128, 255)
     """

@@ -411,7 +411,7 @@ def _noted(capture: Capture) -> dict[str, Any]:
 
 
 def hsv_of(captures: Sequence[Capture]) -> tuple[FloatArray, FloatArray]:
-    """Return mean and covariance of captures of one colour in HSV: within and between, with a hue that wraps."""
+    """Return mean (3,) and covariance (3, 3) of captures of one colour in HSV: within and between, with a hue that wraps."""
     means = np.array([c.hsv_mean for c in captures])
     return pooled(means, np.array([c.hsv_covariance for c in captures]), space_named("hsv"))
 
@@ -425,6 +425,13 @@ def classified(image: Image, model: ColorModel) -> Image:
 def parse_region(text: str, color: str | None = None) -> Region:
     """Return the region of ``[name:]frame,x,y,w,h``.
 
+    Raises
+    ------
+    VisionError
+        The text is of another form, or its numbers are none.
+
+    Examples
+    --------
     >>> parse_region("red:120,300,200,40,30")
     Region(color='red', frame=120, x=300, y=200, width=40, height=30)
     """

@@ -187,6 +187,11 @@ def from_points(
     method : str
         How the points were found, for the report.
 
+    Returns
+    -------
+    FieldCalibration
+        The view of the field, and how far each point is off.
+
     Raises
     ------
     ArrayError
@@ -271,6 +276,11 @@ def from_lines(
         As in `from_points`.
     search : float, optional
         How far from the start lines are looked for [px]; a twentieth of the image by default.
+
+    Returns
+    -------
+    FieldCalibration
+        The view of the field, and how far each point is off.
 
     Raises
     ------
@@ -395,7 +405,13 @@ def load_tags(path: str | Path) -> tuple[Tag, ...]:
 
 
 def find_tags(image: NDArray[np.uint8]) -> dict[int, FloatArray]:
-    """Find AprilTags of the family 36h11: corners ``(4, 2)`` of each by its number [px], upper left first and clockwise."""
+    """Find AprilTags of the family 36h11: corners ``(4, 2)`` of each by its number [px], upper left first and clockwise.
+
+    Raises
+    ------
+    VisionError
+        A number is in the image twice.
+    """
     cv2 = opencv("finding AprilTags")
     gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
     settings = cv2.aruco.DetectorParameters()
@@ -419,7 +435,7 @@ def from_tags(
     radial: int = 0,
     size: tuple[float, float] | None = None,
 ) -> FieldCalibration:
-    """Find the field from AprilTags of known places; the arguments are those of `from_points`.
+    """Find the field from AprilTags of known places in an image (height, width) or (height, width, 3); the arguments are those of `from_points`.
 
     Raises
     ------

@@ -216,6 +216,11 @@ def calibrate_hand_eye(
     names : sequence of str, optional
         Of the poses, for messages; ``pose 1``, ... if not given.
 
+    Returns
+    -------
+    HandEyeCalibration
+        Where the camera and the board are, how far each view is off [m] and [rad], and the covariance.
+
     Raises
     ------
     VisionError
@@ -265,6 +270,11 @@ def calibrate_hand_eye_from_views(
     board : Board
     camera : Camera
     camera_on : "hand" or "cell"
+
+    Returns
+    -------
+    HandEyeCalibration
+        Where the camera and the board are, how far each view is off [m] and [rad], and the covariance.
 
     Raises
     ------

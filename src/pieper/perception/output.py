@@ -155,7 +155,21 @@ class TrackWriter(Protocol):
 
 
 def track_rows(index: int, time: float, estimates: Iterable[Estimate]) -> list[TrackRow]:
-    """Return the rows of a frame; one without a track where there are no estimates."""
+    """Return the rows of a frame; one without a track where there are no estimates.
+
+    Parameters
+    ----------
+    index : int
+        Number of the frame.
+    time : float
+        [s]
+    estimates : iterable of Estimate
+        What is believed at that time.
+
+    Returns
+    -------
+    list of TrackRow
+    """
     return [TrackRow.of(index, e) for e in estimates] or [TrackRow(index, float(time), None)]
 
 
@@ -170,6 +184,11 @@ def create_tracks(path: str | os.PathLike[str], *, unit: str, source: str = "") 
         Of places: ``"m"`` or ``"px"``.
     source : str
         What is tracked.
+
+    Returns
+    -------
+    TrackWriter
+        Takes estimates frame by frame; close it, or use it in a ``with`` statement.
 
     Raises
     ------
@@ -191,6 +210,13 @@ def continue_tracks(path: str | os.PathLike[str], *, unit: str, source: str = ""
     """Go on with a table that was left unfinished.
 
     A half-written last line is dropped. Of CSV the last frame goes too, since nothing tells whether all its rows are there.
+
+    Parameters
+    ----------
+    path : path
+        The table.
+    unit, source
+        As for `create_tracks`; the same as when it was begun.
 
     Returns
     -------

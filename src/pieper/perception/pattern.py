@@ -198,6 +198,11 @@ def load_patterns(source: str | Path | None) -> Patterns:
     source : str or Path, optional
         ``"report"``, ``"ssl"``, ``"vsss"``, ``"circles"``, or a file; None gives none.
 
+    Returns
+    -------
+    Patterns
+        Those of the file, or of that name.
+
     Raises
     ------
     VisionError
@@ -291,6 +296,11 @@ def lone_markers(blobs: Blobs, view: View, follow: Mapping[str, Follow]) -> tupl
     view : View
     follow : mapping
         Of colours to ``"all"`` or ``"largest"``; the blobs of other colours are left out.
+
+    Returns
+    -------
+    tuple of Sighting
+        One for each blob that is followed.
     """
     rows: list[int] = []
     for name, which in follow.items():

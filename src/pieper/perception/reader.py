@@ -185,7 +185,7 @@ class VideoReader:
                     yield Note(said)
                 good, image = self._capture.retrieve()
                 if good:
-                    yield Frame(cast(Image, image), index, moment)
+                    yield Frame(cast("Image", image), index, moment)
                 else:
                     yield Note(f"{self.info.name}: frame {index} cannot be decoded and is left out")
             index += 1
@@ -358,7 +358,7 @@ def camera_reader(which: int | str, *, fps: float | None = None, **options: Any)
             capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
             if fps:
                 capture.set(cv2.CAP_PROP_FPS, fps)
-        return cast(Capture, capture)
+        return cast("Capture", capture)
 
     return LiveReader(f"camera {number}", connect, kind="camera", fps=fps, **options)
 
@@ -373,7 +373,7 @@ def stream_reader(url: str, **options: Any) -> LiveReader | VideoReader:
         return VideoReader.of(first[0], name)
 
     def connect() -> Capture:
-        return cast(Capture, first.pop() if first else cv2.VideoCapture(url, cv2.CAP_FFMPEG, limits))
+        return cast("Capture", first.pop() if first else cv2.VideoCapture(url, cv2.CAP_FFMPEG, limits))
 
     return LiveReader(name, connect, kind="stream", **options)
 
@@ -476,7 +476,7 @@ class PipeReader:
                 continue
             uv = np.frombuffer(block, np.uint8, 2 * tint, bright).reshape(2, down, across)
             wide = [cv2.resize(plane, (width, height), interpolation=cv2.INTER_LINEAR) for plane in uv]
-            yield cast(Image, cv2.cvtColor(np.dstack([y, wide[1], wide[0]]), cv2.COLOR_YCrCb2BGR))
+            yield cast("Image", cv2.cvtColor(np.dstack([y, wide[1], wide[0]]), cv2.COLOR_YCrCb2BGR))
 
     def _mjpeg(self, pipe: _Pipe) -> Iterator[Image | Note]:
         while jpeg := pipe.until(b"\xff\xd9", _LARGEST_JPEG):
@@ -485,7 +485,7 @@ class PipeReader:
                 if not pipe.stopped():
                     yield Note(f"{self.info.name}: a JPEG of {len(jpeg)} bytes cannot be decoded and is left out")
                 continue
-            yield cast(Image, picture)
+            yield cast("Image", picture)
 
     def close(self) -> None:
         """The pipe is not ours to close."""

@@ -360,6 +360,10 @@ def overhead(
         Of the line of sight from straight down [rad], about the image's x axis.
     distortion : sequence of float
         Of the lens, as in `Camera`.
+
+    Returns
+    -------
+    FieldView
     """
     f = height / (mm_per_px / 1000)
     K = np.array([[f, 0, (size[0] - 1) / 2], [0, f, (size[1] - 1) / 2], [0, 0, 1]])
@@ -395,7 +399,19 @@ def butterfly(team: str, dots: Sequence[str]) -> Model:
 
 
 def vsss(team: str, first: str, second: str) -> Model:
-    """Return a cube of 75 mm with a team stripe ahead and two smaller patches behind, as in the Very Small Size league."""
+    """Return a cube of 75 mm with a team stripe ahead and two smaller patches behind, as in the Very Small Size league.
+
+    Parameters
+    ----------
+    team : str
+        Colour of the stripe.
+    first, second : str
+        Colours of the patches, as the robot looks: the left one, the right one.
+
+    Returns
+    -------
+    Model
+    """
     return Model(
         f"{team} {first} {second}",
         (
@@ -412,6 +428,11 @@ def team(count: int) -> tuple[tuple[str, Model], ...]:
     """Return names and models of robots that can be told apart, at most twelve, yellow and blue in turn.
 
     Names and colours are those of the built-in patterns ``"vsss"``.
+
+    Raises
+    ------
+    ArrayError
+        More than twelve, or fewer than none.
     """
     pairs = (
         ("red", "green"),

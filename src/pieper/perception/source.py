@@ -309,6 +309,11 @@ def read_frames(path: str | os.PathLike[str], numbers: Sequence[int]) -> list[Fr
     numbers : sequence of int
         Numbers of frames, from 0.
 
+    Returns
+    -------
+    list of Frame
+        With image, number and time.
+
     Raises
     ------
     VisionError

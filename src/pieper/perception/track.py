@@ -267,6 +267,15 @@ class Tracker:
         ----------
         time : float
             [s]; before the last frame, the covariance grows as it does after it.
+
+        Returns
+        -------
+        tuple of Estimate
+
+        Raises
+        ------
+        VisionError
+            The time is not finite.
         """
         if not np.isfinite(time):
             raise VisionError(f"the time to predict to must be a finite number of seconds, got {time}")

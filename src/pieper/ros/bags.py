@@ -305,6 +305,11 @@ class Bag:
         topics : sequence of str
             Only these; otherwise all that can be read.
 
+        Returns
+        -------
+        iterator of Message
+            With topic, time [ns] and the message itself.
+
         Raises
         ------
         RosError

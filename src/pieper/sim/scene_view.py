@@ -238,7 +238,13 @@ class Recording:
         smooth: bool = False,
         progress: Callable[[int, int], None] | None = None,
     ) -> int:
-        """Write a film, ``.mp4`` or ``.gif``; returns the number of frames. Errors as from `pieper.sim.film.save`."""
+        """Write a film, ``.mp4`` or ``.gif``; returns the number of frames. Errors as from `pieper.sim.film.save`.
+
+        Raises
+        ------
+        ArrayError
+            Nothing was recorded.
+        """
         if not self.moments:
             raise ArrayError("nothing was recorded: let time pass first")
         film.check_ready(path, self.fps)

@@ -189,7 +189,7 @@ class PickTask:
         return np.asarray(at(self.drop_step * shift[0], self.drop_step * shift[1], 0.0) @ self.T_world_drop)
 
     def back(self, T_world_tip: FloatArray, distance: float) -> FloatArray:
-        """The tip drawn back against the direction of approach [m]."""
+        """The pose of the tip, (4, 4), drawn back by `distance` [m] against the direction of approach: (4, 4)."""
         T = np.array(T_world_tip)
         T[:3, 3] -= distance * (T[:3, :3] @ self.gripper.T_tip_grasp[:3, 2])
         return T
@@ -320,6 +320,10 @@ class PickAndPlace:
             To keep between solids [m].
         reaching : bool
             Whether the target, which the hand is then about to touch, is left out.
+
+        Returns
+        -------
+        CollisionModel
         """
         robot, task = self.robot, self.task
         out = {self._held.name if self._held is not None else None, self._target if reaching else None}

@@ -273,6 +273,18 @@ def learn_cans(task: SeeTask, *, seed: int = 0, pictures: int = 6) -> ColorModel
     """Learn the colours of the cans from boxes on a few pictures, each in another light, as ``pieper learn-colour`` does.
 
     The boxes are those that a person would draw around the cans.
+
+    Parameters
+    ----------
+    task : SeeTask
+    seed : int
+        Of the light and of where the cans stand.
+    pictures : int
+        How many.
+
+    Returns
+    -------
+    ColorModel
     """
     rng = np.random.default_rng((seed, 2))
     robot = MujocoSimulator(task.pick.arm, q=task.pick.q_home, scene=task.pick.scene, gripper=task.pick.gripper)
@@ -294,7 +306,13 @@ def learn_cans(task: SeeTask, *, seed: int = 0, pictures: int = 6) -> ColorModel
 
 
 def random_places(task: SeeTask, rng: np.random.Generator) -> dict[str, FloatArray]:
-    """Where the cans of a round stand: anywhere in the area, apart, turned anyhow; (4, 4) by name."""
+    """Where the cans of a round stand: anywhere in the area, apart, turned anyhow; (4, 4) by name.
+
+    Raises
+    ------
+    ArrayError
+        The area has no room for as many cans so far apart.
+    """
     low, high = task.area
     for _ in range(_TRIES):
         spots = rng.uniform(low, high, (len(task.pick.targets), 2))
@@ -381,7 +399,13 @@ class SeeAndPick(PickAndPlace):
         self._undo.close()
 
     def see(self, name: str) -> FloatArray | None:
-        """Where a can is, (4, 4), from one picture; None when it is not seen. What else is seen in it is kept in mind."""
+        """Where a can is, (4, 4), from one picture; None when it is not seen. What else is seen in it is kept in mind.
+
+        Raises
+        ------
+        ArrayError
+            It is not in a ``with`` statement, which has the camera.
+        """
         if not hasattr(self, "_view"):
             raise ArrayError("SeeAndPick looks through a camera: use it in a with statement")
         image = self._view.image()

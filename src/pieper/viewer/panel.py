@@ -29,7 +29,7 @@ class Window(Protocol):
     size: float
 
     def command(self, q: ArrayLike) -> None:
-        """Send the arm to joint values."""
+        """Send the arm to joint values (n,) [rad or m]."""
         ...
 
     def stop_motion(self) -> None:
@@ -37,7 +37,7 @@ class Window(Protocol):
         ...
 
     def limited(self, q: ArrayLike) -> FloatArray:
-        """The joint values nearest to `q` within the limits."""
+        """The joint values (n,) within the limits that are nearest to `q` (n,) [rad or m]."""
         ...
 
     def say(self, text: str, *, bad: bool = False) -> None:
