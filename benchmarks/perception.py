@@ -20,12 +20,12 @@ METHOD = (
 )
 HEAD = """# Scenes, measures and figures of the perception
 
-`benchmarks/perception.py` measures and writes the tables of this page, and `pieper evaluate --all` prints the first of them.
+`benchmarks/perception.py` measures and writes the tables of this page, and `pieper evaluate --marks` prints the first of them.
 
 ## Scenes with exact truth
 
 ```console
-$ pieper synthesize occlusion --frames 20 --out film
+$ pieper synthesize occlusion --count 20 --out film
 wrote film  video.mp4 of 20 frames, 0.33 s, and truth.jsonl
 ```
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pieper.kinematics.fk import fk, fk_frames
+from pieper.sim.ghost import laid_over
 from pieper.sim.offscreen import Offscreen, Pixels, import_mujoco, import_pillow
 from pieper.sim.stage import AXIS_COLORS, rgb
 
@@ -33,7 +34,6 @@ _TIMES_LOOKED_AT = 40  # of a motion, when the camera is set up
 _TRACE_POINTS = 200
 _SHOWS_THROUGH = 0.55  # of a frame behind something
 _SOLID = 0.999
-_COINCIDE = 6e-6  # of the depth; links that a ghost shares with an arm are in the same place up to rounding
 _NOT_DRAWN = 5  # a group of MuJoCo's
 # as fractions of the size of what is shown
 _ARROW, _ARROW_WIDTH = 0.08, 0.0055
@@ -115,7 +115,7 @@ def drawing(stage: Stage) -> Iterator[Callable[[float], Image]]:
             ]
             strokes, names = _marks(stage, t, scale, lines)
             nearest = depth
-            colors = _with_ghosts(colors, depth, ghosts)
+            colors = laid_over(colors, depth, ghosts)
             for _, ghost in ghosts:
                 nearest = np.minimum(nearest, ghost.depth)
             if strokes:
@@ -127,23 +127,6 @@ def drawing(stage: Stage) -> Iterator[Callable[[float], Image]]:
             return _written(image, stage, names, camera, scale)
 
         yield draw
-
-
-def _with_ghosts(colors: NDArray[np.float32], depth: NDArray[np.float32], ghosts: list[tuple[float, Pixels]]) -> Any:
-    """Lay ghosts over a stage, the farthest first at every pixel."""
-    if not ghosts:
-        return colors
-    depths = np.stack([ghost.depth for _, ghost in ghosts])
-    images = np.stack([ghost.colors for _, ghost in ghosts])
-    opacities = np.array([opacity for opacity, _ in ghosts], dtype=np.float32)
-    order = np.argsort(-depths, axis=0)
-    for k in range(len(ghosts)):
-        which = order[k]
-        here = np.take_along_axis(depths, which[None], 0)[0]
-        paint = np.take_along_axis(images, which[None, ..., None], 0)[0]
-        weight = opacities[which] * (here < depth - _COINCIDE)
-        colors = colors + weight[..., None] * (paint - colors)
-    return colors
 
 
 def _shrunk(colors: NDArray[np.float32], factor: int) -> Image:

@@ -630,7 +630,7 @@ def need_screen() -> None:
 
     if plt.get_backend().lower() in _WITHOUT_WINDOWS:
         raise PieperError(
-            "there is no screen to show a figure on; write it to a file with --save FILE, or with plot.save"
+            "there is no screen to show a figure on; write it to a file with --out FILE, or with plot.save"
         )
 
 
