@@ -46,9 +46,9 @@ suppress_warnings = ["ref.python"]
 autosummary_generate = True
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"
-autodoc_typehints_description_target = "documented"
+autodoc_typehints_description_target = "all"
+autodoc_type_aliases = {name: name for name in ("ArrayLike", "FloatArray", "Image")}
 napoleon_google_docstring = False
-napoleon_use_rtype = False
 napoleon_use_ivar = True
 
 DOTTED = re.compile(r"pieper(?:\.[A-Za-z_]\w*)+")
@@ -64,6 +64,13 @@ def link_names(_: Sphinx, page: nodes.document) -> None:
             link += code
 
 
+def keep_whole(_: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
+    """Keep Napoleon from taking what stands before the colon in "Lower and upper limits: ..." for the type of a property."""
+    if what in ("attribute", "data", "property"):
+        lines.insert(0, "")
+
+
 def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
+    app.connect("autodoc-process-docstring", keep_whole, priority=400)  # before Napoleon
     app.connect("doctree-read", link_names)
