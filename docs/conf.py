@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from docutils import nodes
 from sphinx import addnodes
+from sphinx.util.inspect import TypeAliasForwardRef
 
 import pieper
 
@@ -67,10 +68,11 @@ def link_names(_: Sphinx, page: nodes.document) -> None:
 def keep_whole(_: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
     """Keep Napoleon from taking what stands before the colon in "Lower and upper limits: ..." for the type of a property."""
     if what in ("attribute", "data", "property"):
-        lines.insert(0, "")
+        lines[:0] = ["..", ""]  # a comment without words
 
 
 def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
+    TypeAliasForwardRef.__repr__ = lambda self: self.name  # `FloatArray | None`, and not the name of this class
     app.connect("autodoc-process-docstring", keep_whole, priority=400)  # before Napoleon
     app.connect("doctree-read", link_names)
