@@ -47,8 +47,8 @@ def calibrate_camera(
 ) -> int:
     """Calibrate a lens from pictures or a video of a printed board, without a window."""
     from pieper.perception.board import Board
+    from pieper.perception.board_views import find_views
     from pieper.perception.calibration import calibrate_camera as calibrate
-    from pieper.perception.calibration import find_views
     from pieper.perception.calibration_picture import camera_picture, save_picture
 
     shown = Board.parse(board)

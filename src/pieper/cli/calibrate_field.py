@@ -61,9 +61,9 @@ def calibrate_field(
     ] = None,
 ) -> int:
     """Find where the field lies before a camera, without a window."""
-    from pieper.perception.calibration import read_view
     from pieper.perception.calibration_file import load_camera
     from pieper.perception.calibration_picture import save_picture
+    from pieper.perception.image_file import read_view
 
     if lines is not None and tags is not None:
         raise VisionError("--lines and --tags both say how to find the field; give one of them")

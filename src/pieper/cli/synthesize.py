@@ -51,7 +51,7 @@ def synthesize(
 ) -> int:
     """Draw a scene with exact truth: video, truth, calibration, patterns, and regions that show the colours."""
     from pieper.perception import scene_folder
-    from pieper.perception.scene import PRESETS, preset
+    from pieper.perception.scene_presets import PRESETS, preset
 
     if show or scene is None:
         if scene is None and not show:
@@ -76,7 +76,7 @@ def synthesize(
 
 
 def _list(as_json: bool) -> None:
-    from pieper.perception.scene import PRESETS, preset
+    from pieper.perception.scene_presets import PRESETS, preset
 
     rows: list[dict[str, Any]] = []
     for name in PRESETS:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pieper.spatial._checks import FloatArray
 
 _PIXEL_FLOOR = 0.01  # px; error of a centroid that its covariance does not know of: the grid, light from one side
-_SIZES = (0.5, 1.7)  # radius of a blob over that of its marker
+SIZES = (0.5, 1.7)  # radius of a blob over that of its marker
 _COMPACT = 0.4  # least circularity of a marker: a bar of 2 to 1 has 0.76, of 5 to 1 0.37; lines of a field have less
 _EQUAL = 1e-9  # relative difference of scores that is rounding
 
@@ -67,7 +67,7 @@ class Levels:
         if shape.radii.min() <= 0:
             return compact
         radius = self.radii(shape.heights[-1]) / scale
-        return np.asarray(compact & (radius > _SIZES[0] * shape.radii.min()) & (radius < _SIZES[1] * shape.radii.max()))
+        return np.asarray(compact & (radius > SIZES[0] * shape.radii.min()) & (radius < SIZES[1] * shape.radii.max()))
 
     def radii(self, height: float) -> FloatArray:
         """Radii of discs of the areas of the blobs, in units."""

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from pieper.errors import VisionError
-from pieper.perception.blob_places import _SIZES, Levels, surest
+from pieper.perception.blob_places import SIZES, Levels, surest
 from pieper.perception.pattern_shape import shapes_of
 from pieper.perception.sighting import Sighting
 
@@ -300,7 +300,7 @@ class PatternFinder:
         there = blob >= 0
         if shape.radii.min() > 0:
             size = levels.radii(shape.heights[-1])[rows][blob] / (shape.radii * scale)
-            there &= (size > _SIZES[0]) & (size < _SIZES[1])
+            there &= (size > SIZES[0]) & (size < SIZES[1])
         right = (color[blob][:, None, :] == colors[None]) & there[:, None, :]
         good = right.sum(axis=2)
         which = good.argmax(axis=1)

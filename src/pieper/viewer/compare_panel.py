@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pieper.errors import PieperError
 from pieper.viewer.arm_view import ArmView, frame_size
 from pieper.viewer.compare import Comparison, Difference
-from pieper.viewer.panel import Panel, Window
+from pieper.viewer.panel import Panel, Window, on_event
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -150,14 +149,10 @@ class ComparePanel(Panel):
     # --- what people do
 
     def _when(self, act: Callable[[], None]) -> Callable[[Any], None]:
-        def called(_: Any) -> None:
-            with self._view.lock:
-                try:
-                    act()
-                except PieperError as problem:
-                    self.live.content = _lines([str(problem)])
+        def complain(words: str) -> None:
+            self.live.content = _lines([words])
 
-        return called
+        return on_event(self._view, act, complain=complain)
 
     def _go_to_worst(self) -> None:
         if self._worst is not None:
