@@ -53,7 +53,7 @@ def first_alike(A: FloatArray) -> NDArray[np.int64]:
 
 def repeats(first: NDArray[np.int64], labels: Sequence[str]) -> tuple[str, ...]:
     """The same in words; empty when every pose is new."""
-    again = [f"{labels[k]} repeats {labels[first[k]]}" for k in np.flatnonzero(first != np.arange(len(first)))]
+    again = [f"{labels[k]} repeats {labels[earlier]}" for k, earlier in enumerate(first.tolist()) if k != earlier]
     if not again:
         return ()
     shown = ", ".join(again[:3]) + (f" and {len(again) - 3} more" if len(again) > 3 else "")

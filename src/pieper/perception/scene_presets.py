@@ -24,7 +24,7 @@ from pieper.perception.scene import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from pieper.perception.field_view import FieldView
 
@@ -41,14 +41,6 @@ SOCCER = Model(
     height=0.12,
 )
 """The soccer robot of the report: blue ahead, red behind, a green on either side."""
-# Places of the four outer dots of the butterfly of the Small Size League: 65 mm from the middle, the front pair wider apart.
-_DOTS = ((0.035, 0.054772), (-0.054772, 0.035), (-0.054772, -0.035), (0.035, -0.054772))
-
-
-def butterfly(team: str, dots: Sequence[str]) -> Model:
-    """Return a robot of the Small Size League: a dot of the team in the middle, and four that tell which it is."""
-    outer = tuple(Marker(color, x, y, 0.02) for color, (x, y) in zip(dots, _DOTS, strict=True))
-    return Model(f"{team} {' '.join(dots)}", (Marker(team, 0.0, 0.0, 0.025), *outer), radius=0.09, height=0.14)
 
 
 def vsss(team: str, first: str, second: str) -> Model:

@@ -113,7 +113,6 @@ class ComparePanel(Panel):
         T = np.eye(4)
         if beside:
             T[:3, 3] = self._step_aside()
-        self._T_world_other = T
         self.other_view.place(T)
         self.other_view.opacity = 1.0 if beside else 0.45  # what is upon another has to be seen through
         self._draw(self._view.q)
