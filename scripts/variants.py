@@ -36,22 +36,33 @@ ROOT = Path(__file__).parents[1]
 BUILD = ROOT / "build" / "variants"
 KEPT = ROOT / "build" / "variants.json"
 VARIANTS = ("g++-vector", "g++-portable", "clang++-vector", "clang++-portable", "clang++-vector-libc++")
+# Those that ask the kernels most; what stands on top of the kernels is tested once, by ./test.
 TESTS = (
     "tests/native",
-    "tests/kinematics",
-    "tests/ik",
-    "tests/laws",
-    "tests/model/test_chain.py",
-    "tests/motion/test_path_ik.py",
-    "tests/motion/test_servo.py",
+    "tests/kinematics/test_fk.py",
+    "tests/kinematics/test_jacobian.py",
+    "tests/kinematics/test_manipulability.py",
+    "tests/ik/test_closed_form.py",
+    "tests/ik/test_constrained_newton.py",
+    "tests/ik/test_degenerate_arms.py",
+    "tests/ik/test_general_6r.py",
+    "tests/ik/test_general_6r_safeguards.py",
+    "tests/ik/test_general_6r_slide.py",
+    "tests/ik/test_instruction_sets.py",
+    "tests/ik/test_numeric.py",
+    "tests/ik/test_partial.py",
+    "tests/ik/test_random_arms.py",
+    "tests/laws/test_completeness.py",
+    "tests/laws/test_families_of_answers.py",
+    "tests/laws/test_free_joints_and_limits.py",
+    "tests/laws/test_inverse_kinematics.py",
+    "tests/laws/test_just_out_of_reach.py",
+    "tests/laws/test_numeric_inverse_kinematics.py",
     "tests/perception/test_segment.py",
-    "tests/workspace/test_analytic_workspaces.py",
-    "tests/workspace/test_measure.py",
-    "tests/workspace/test_place.py",
     "tests/workspace/test_scores.py",
 )
 # What those tests are about, of the package; and the files there that count.
-ROOMS = ("_native", "spatial", "model", "kinematics", "ik", "motion", "workspace", "arm.py", "perception/segment.py")
+ROOMS = ("_native", "spatial", "model", "kinematics", "ik", "workspace", "perception/segment.py")
 SOURCES = (".cpp", ".hpp", ".py", ".json", ".txt")
 
 # Rounding of some hundred operations on numbers of size 1; measured: 7e-16.
