@@ -20,7 +20,13 @@ if TYPE_CHECKING:
 
 
 def solver(chain: Chain) -> Solver:
-    """The solver of a chain, made once (a few milliseconds) and kept with the chain, as long as that lives."""
+    """The solver of a chain, made once (a few milliseconds) and kept with the chain, as long as that lives.
+
+    Raises
+    ------
+    ArrayError
+        It is no chain.
+    """
     if not isinstance(chain, Chain):
         raise ArrayError(f"chain must be a Chain, as `arm.chain` is one, got {type(chain).__name__}")
     return prepared(chain, "solver", None, lambda: Solver(chain))
