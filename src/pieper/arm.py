@@ -214,7 +214,13 @@ class Arm:
         >>> int(answers.count), answers.labels[0]
         (8, 'front, elbow up, no flip')
         """
-        return self._solver.solve(T_base_tip, seed, **options)
+        try:
+            return self._solver.solve(T_base_tip, seed, **options)
+        except TypeError:
+            from pieper.ik.solve import check_options
+
+            check_options(options)
+            raise
 
     def self_motion(self, T_base_tip: ArrayLike, **options: Any) -> list[SolutionCurve]:
         """The curves along which an arm with seven joints can move while its tip stays at `T_base_tip`, (4, 4).
@@ -300,7 +306,8 @@ class Arm:
 
     def lock(self, joints: Mapping[str, float] | None = None, /, **more: float) -> Arm:
         """A smaller arm with joints held: ``arm.lock(joint_4_r=0.0)``, or a mapping for names that are no identifiers."""
-        return Arm(self.chain.lock(**{**(joints or {}), **more}), self.description)
+        held = {str(name): value for name, value in {**(joints or {}), **more}.items()}
+        return Arm(self.chain.lock(**held), self.description)
 
     def __repr__(self) -> str:
         return f"Arm({self.name!r}, {self.dof} joints, {self.base!r} -> {self.tip!r})"
@@ -384,7 +391,7 @@ def _describe(
         raise DescriptionError(
             type(what).__name__,
             "robot",
-            "expected a built-in name, a file, URDF text, a Description, a Chain or a DhTable",
+            "expected a built-in name, a file name, URDF text, a Description, a Chain or a DhTable",
         )
     path = Path(what)
     if path.suffix == ".xacro":

@@ -356,7 +356,7 @@ def _plain(yaml: Any, source: _Source, events: Any) -> None:
             raise _error(source, event, "", "holds a second document; one is read")
 
 
-def write_yaml(path: str | Path, data: Mapping[str, Any], *, comment: str = "") -> None:
+def write_yaml(path: str | Path, data: Mapping[str, Any], *, comment: str = "", extra: str = "perception") -> None:
     """Write a section of fields, whole or not at all.
 
     Parameters
@@ -367,6 +367,8 @@ def write_yaml(path: str | Path, data: Mapping[str, Any], *, comment: str = "") 
         Text, numbers, booleans, None, arrays, and mappings and sequences of those, in the order in which they are to be read.
     comment : str
         Lines for people, written above as comments.
+    extra : str
+        As in `read_yaml`.
 
     Raises
     ------
@@ -374,17 +376,17 @@ def write_yaml(path: str | Path, data: Mapping[str, Any], *, comment: str = "") 
         The file cannot be written; what was there before stays.
     """
     head = "".join(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
-    write_text(path, head + as_yaml(data))
+    write_text(path, head + as_yaml(data, extra=extra))
 
 
-def as_yaml(data: Mapping[str, Any]) -> str:
+def as_yaml(data: Mapping[str, Any], *, extra: str = "perception") -> str:
     """Return the text that `write_yaml` writes.
 
     >>> print(as_yaml({"name": "red", "mean": np.array([0.5, 2.0])}), end="")
     name: red
     mean: [0.5, 2.0]
     """
-    yaml = _yaml()
+    yaml = _yaml(extra)
 
     class Dumper(yaml.SafeDumper):  # type: ignore[misc, name-defined]
         def ignore_aliases(self, data: Any) -> bool:

@@ -304,6 +304,12 @@ class IKSolutions:
             raise ArrayError(f"copies are for one target; this holds a batch of shape {self.status.shape}")
         return copies_of(self.chain, self.q[self.valid], seed)
 
+    def __bool__(self) -> bool:
+        """Refused: answers that reach nothing are answers too, and ``if answers:`` would hold for them."""
+        raise ArrayError(
+            f"the answers have no truth value; ask answers.reached, which is True or False for each target, got {self}"
+        )
+
     def __repr__(self) -> str:
         return f"IKSolutions({self.chain.name!r}, {self.valid.shape[-1]} places, {self})"
 

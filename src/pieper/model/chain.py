@@ -43,7 +43,8 @@ def _frozen(
     if array.shape == (0,) and empty is not None:
         array = empty
     if array.dtype.kind not in "fiu":
-        raise ArrayError(f"{name} must be real numbers of shape {wanted}, got dtype {array.dtype}")
+        got = type(value).__name__ if array.dtype == object and array.shape == () else f"dtype {array.dtype}"
+        raise ArrayError(f"{name} must be real numbers of shape {wanted}, got {got}")
     if array.ndim != len(shape) or any(size not in (-1, got) for size, got in zip(shape, array.shape, strict=True)):
         raise ArrayError(f"{name} must have shape {wanted}, got {array.shape}")
     array = np.array(array, dtype=np.float64)

@@ -278,7 +278,7 @@ def _read_pose(section: Section) -> FloatArray:
 
 def write_world(path: str | Path, world: World) -> None:
     """Write a world that `read_world` reads; names of mesh files stay as they are."""
-    write_yaml(path, {"obstacles": [_as_fields(item) for item in world]})
+    write_yaml(path, {"obstacles": [_as_fields(item) for item in world]}, extra="plan")
 
 
 def _as_fields(item: Item) -> dict[str, Any]:

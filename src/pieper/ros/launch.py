@@ -236,7 +236,10 @@ class Launch:
                 code = process.wait()
                 self.say(f"[ERROR] [{name}]: did not end within {_PATIENCE:g} s and was killed [pid {process.pid}]")
             else:
-                self.say(f"[INFO] [{name}]: process has finished cleanly [pid {process.pid}]")
+                if code > 0:  # it had failed by itself before it was asked
+                    self.say(f"[ERROR] [{name}]: process has died [pid {process.pid}, exit code {code}]")
+                else:
+                    self.say(f"[INFO] [{name}]: process has finished cleanly [pid {process.pid}]")
             if code > 0:
                 self.code = self.code or code
         for reader in self._readers:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pieper.kinematics.fk import fk, fk_frames
-from pieper.sim.ghost import laid_over
+from pieper.sim.font import font_for
 from pieper.sim.offscreen import Offscreen, Pixels, import_mujoco, import_pillow
 from pieper.sim.stage import AXIS_COLORS, rgb
 
@@ -353,16 +353,16 @@ def _written(image: Image, stage: Stage, names: list[_Name], camera: _Camera, sc
     if not names and not notes:
         return image
     pillow = import_pillow()
-    from PIL import ImageDraw, ImageFont
+    from PIL import ImageDraw
 
     canvas = pillow.fromarray(image)
     pen = ImageDraw.Draw(canvas)
-    font = ImageFont.load_default(max(9.0, 0.019 * size[1]))
     text, halo = stage.theme.text, stage.theme.halo
     taken: list[tuple[float, float, float, float]] = []
     for name in names:
         x, y = camera.pixel(name.at, size)
         words = name.text
+        font = font_for(words, max(9.0, 0.019 * size[1]))
         left, top, right, bottom = pen.textbbox((0, 0), words, font=font)
         w, h = right - left, bottom - top
         box = _free_place(x, y, w, h, taken, size)
@@ -372,7 +372,7 @@ def _written(image: Image, stage: Stage, names: list[_Name], camera: _Camera, sc
             pen.line([(x, y), beside], fill=stage.theme.metal, width=1)
         pen.text((box[0] - left, box[1] - top), words, font=font, fill=text, stroke_width=2, stroke_fill=halo)
     for note in notes:
-        small = ImageFont.load_default(max(9.0, 0.016 * size[1]))
+        small = font_for(note, max(9.0, 0.016 * size[1]))
         bottom = pen.textbbox((0, 0), note, font=small)[3]
         pen.text((8, size[1] - bottom - 7), note, font=small, fill=stage.theme.metal)
     return np.array(canvas)

@@ -19,7 +19,7 @@ from pieper.motion.limits import JointLimits
 from pieper.motion.robot import RobotState, Simulator
 from pieper.sim.gripper import GripperDrive, ParallelGripper, add_gripper
 from pieper.sim.kinematic import joined, joint_vector, seconds
-from pieper.sim.mujoco_arm import axis_name, body_name, build_arm, quaternion
+from pieper.sim.mujoco_arm import axis_name, build_arm, quaternion
 from pieper.sim.offscreen import import_mujoco
 from pieper.sim.pierced import CapsulesAndBoxes
 from pieper.sim.scene import Scene, add_scene, friction_vector, pose
@@ -522,8 +522,3 @@ def _read_only(values: FloatArray) -> FloatArray:
     copy = np.array(values)
     copy.setflags(write=False)
     return copy
-
-
-def arm_bodies(robot: MujocoSimulator) -> tuple[str, ...]:
-    """Names of the bodies of the arm in the model."""
-    return tuple(body_name(link) for link in range(len(robot.chain.screws) + 1))

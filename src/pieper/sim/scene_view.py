@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pieper.errors import ArrayError, unknown_name
 from pieper.kinematics.joints import as_joints
 from pieper.sim import film
-from pieper.sim.ghost import laid_over
-from pieper.sim.mujoco_arm import SOLIDS, body_name
+from pieper.sim.font import font_for
+from pieper.sim.mujoco_arm import SOLIDS
 from pieper.sim.offscreen import Offscreen, import_mujoco, import_pillow
 from pieper.sim.stage import rgb
 
@@ -264,11 +264,11 @@ def captioned(image: Image, caption: str) -> Image:
     if not caption:
         return image
     pillow = import_pillow()
-    from PIL import ImageDraw, ImageFont
+    from PIL import ImageDraw
 
     canvas = pillow.fromarray(image)
     pen = ImageDraw.Draw(canvas)
-    font = ImageFont.load_default(max(10.0, 0.03 * image.shape[0]))
+    font = font_for(caption, max(10.0, 0.03 * image.shape[0]))
     bottom = pen.textbbox((0, 0), caption, font=font)[3]
     pen.text(
         (10, image.shape[0] - bottom - 10), caption, font=font, fill="#1b1f24", stroke_width=2, stroke_fill="#ffffff"

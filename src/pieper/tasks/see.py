@@ -22,10 +22,11 @@ from pieper.arm import load
 from pieper.errors import ArrayError, VisionError, unknown_name
 from pieper.model.description import Box, Cylinder
 from pieper.perception.board import Board
-from pieper.perception.calibration import BoardView
+from pieper.perception.board_views import BoardView
 from pieper.perception.camera import Camera
 from pieper.perception.capture_plan import plan_captures
-from pieper.perception.color_learning import Region, learn
+from pieper.perception.color_learning import learn
+from pieper.perception.color_regions import Region
 from pieper.perception.hand_eye import HandEyeCalibration, calibrate_hand_eye_from_views
 from pieper.perception.masks import color_masks
 from pieper.perception.upright import Upright, cylinder_outline, locate_upright
@@ -36,7 +37,7 @@ from pieper.sim.scene import Scene, SceneCamera, SceneObject, at, open_box, tabl
 from pieper.sim.scene_view import SceneView
 from pieper.spatial import pose, rotation
 from pieper.tasks.mover import DirectMover
-from pieper.tasks.pick import _STILL, PickAndPlace, PickTask, _FailedError
+from pieper.tasks.pick import STILL, PickAndPlace, PickTask, StageFailedError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -444,7 +445,7 @@ class SeeAndPick(PickAndPlace):
         for name, T in random_places(self.sight, rng).items():
             self.robot.put(name, T)
         self._wait(
-            lambda: max(map(self.robot.speed, self.task.targets)) < _STILL, "the cans do not come to rest", guard=False
+            lambda: max(map(self.robot.speed, self.task.targets)) < STILL, "the cans do not come to rest", guard=False
         )
 
     def _in_slot(self) -> bool:
@@ -461,7 +462,7 @@ class SeeAndPick(PickAndPlace):
             try:
                 with self._stage("out of the view"):
                     self._follow_home()
-            except _FailedError:
+            except StageFailedError:
                 return False
         return done
 
