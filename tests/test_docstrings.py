@@ -79,9 +79,28 @@ def public_modules() -> list[str]:
 
 
 def functions_of(module: str) -> list[Function]:
-    """The public functions of a module, and the public methods of its public classes."""
+    """The public functions of a module, and the public methods of its public classes; those that it lists from elsewhere too."""
+    body = tree(module).body
+    found = list(walk(body, module, in_class=False))
+    for node in body:
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("pieper."):
+            home = str(node.module).removeprefix("pieper.")
+            taken = {alias.name for alias in node.names} & exported(body)
+            if taken:
+                there = [n for n in tree(home).body if getattr(n, "name", None) in taken]
+                found += walk(there, home, in_class=False)
+    return found
+
+
+def tree(module: str) -> ast.Module:
     path = SOURCE.joinpath(*module.split(".")).with_suffix(".py")
-    return list(walk(ast.parse(path.read_text(encoding="utf-8")).body, module, in_class=False))
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def exported(body: list[ast.stmt]) -> set[str]:
+    """The names in ``__all__``; none where there is no such list."""
+    lists = [n.value for n in body if isinstance(n, ast.Assign) and ast.unparse(n.targets[0]) == "__all__"]
+    return {name for names in lists for name in ast.literal_eval(names)}
 
 
 def walk(body: list[ast.stmt], prefix: str, *, in_class: bool):
@@ -151,6 +170,13 @@ def move(q: ArrayLike, *, speed: float = 1.0) -> FloatArray:
     """
     raise ArrayError(f"q must have shape (6,), got {q}")
 '''
+
+
+def test_what_a_module_lists_from_elsewhere_is_read_there():
+    names = {function.name for function in functions_of("model.dh")}
+    assert "pieper.model.dh.forward_kinematics" in names  # its own
+    assert any(name.endswith(".standard_dh") for name in names)
+    assert not exported(tree("model.poe").body)
 
 
 def test_a_silent_docstring_is_found():

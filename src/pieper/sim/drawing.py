@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from pieper.kinematics.fk import fk, fk_frames
 from pieper.sim.font import font_for
+from pieper.sim.ghost import laid_over
 from pieper.sim.offscreen import Offscreen, Pixels, import_mujoco, import_pillow
 from pieper.sim.stage import AXIS_COLORS, rgb
 

@@ -12,7 +12,8 @@ from pieper.errors import ArrayError, unknown_name
 from pieper.kinematics.joints import as_joints
 from pieper.sim import film
 from pieper.sim.font import font_for
-from pieper.sim.mujoco_arm import SOLIDS
+from pieper.sim.ghost import laid_over
+from pieper.sim.mujoco_arm import SOLIDS, body_name
 from pieper.sim.offscreen import Offscreen, import_mujoco, import_pillow
 from pieper.sim.stage import rgb
 

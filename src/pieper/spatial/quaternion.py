@@ -158,7 +158,7 @@ def matrix_of_turn(axis: FloatArray, angle: FloatArray) -> FloatArray:
 
 
 def matrix_from_unit_quaternion(quaternion: FloatArray) -> FloatArray:
-    """Rotation matrices of quaternions of length 1."""
+    """Rotation matrices (..., 3, 3) of quaternions (..., 4) of length 1."""
     from scipy.spatial.transform import Rotation
 
     if quaternion.size == 0:
@@ -168,12 +168,18 @@ def matrix_from_unit_quaternion(quaternion: FloatArray) -> FloatArray:
 
 
 def quaternion_angle(quaternion: FloatArray) -> FloatArray:
-    """Angle in [0, pi] of unit quaternions with ``w >= 0``."""
+    """Angle (...) in [0, pi] of unit quaternions (..., 4) with ``w >= 0``."""
     return np.asarray(2.0 * np.arctan2(unit_and_length(quaternion[..., :3])[1], quaternion[..., 3]))
 
 
 def normalised(vector: FloatArray, name: str) -> FloatArray:
-    """Vectors of length 1 along the last axis."""
+    """Vectors (..., k) of length 1 along the last axis, (..., k).
+
+    Raises
+    ------
+    ArrayError
+        A vector is zero; the message calls it `name`.
+    """
     if not vector.any(axis=-1).all():
         raise ArrayError(f"{name} must not be zero: it has no direction to normalise")
     return unit_and_length(vector)[0]
