@@ -113,7 +113,7 @@ def ik(
 
 def _redundancy(text: str, *, degrees: bool) -> float | dict[str, float]:
     """A value, or a name and its value, of what seven joints leave free."""
-    from math import radians
+    from math import isfinite, radians
 
     name, _, number_text = text.rpartition("=")
     try:
@@ -122,6 +122,8 @@ def _redundancy(text: str, *, degrees: bool) -> float | dict[str, float]:
         raise ArrayError(
             f"--redundancy must be a number, or a name and a number as in swivel=0.3; got {text!r}"
         ) from None
+    if not isfinite(value):
+        raise ArrayError(f"--redundancy must be a finite number, got {text!r}")
     value = radians(value) if degrees else value
     return {name: value} if name else value
 

@@ -88,9 +88,13 @@ def learn_colour(
     """
     from pieper.perception.color import draw_color
     from pieper.perception.color_learning import learn, read_regions, regions_as_data
+    from pieper.perception.opencv import quiet
     from pieper.perception.source import probe, read_frames
     from pieper.yaml_file import write_yaml
 
+    quiet()
+    if picture is not None and picture.suffix.lower() != ".png":
+        raise VisionError(f"--picture must end in .png, got {str(picture)!r}")
     keep_apart([video], {"--out": out, "--save-rois": save_rois, "--picture": picture})
     keep_apart([rois], {"--out": out, "--picture": picture})  # boxes that were corrected may replace those before
     names, draw = [], {}

@@ -87,6 +87,8 @@ def plan(
         raise ArrayError("--rpy and --quat speak of the orientation at a target; give --target X Y Z too")
     if out is not None and out.suffix.lower() not in files.FORMATS:
         raise PieperError(f"--out must end in {', '.join(files.FORMATS)}, got {str(out)!r}")
+    if picture is not None and picture.suffix.lower() != ".png":
+        raise ArrayError(f"--picture must end in .png, got {str(picture)!r}")
     robot = load(arm, base=base, tip=tip, nominal=nominal)
     around = World() if world is None else read_world(world)
     q_start = start_values(robot, start, degrees=degrees)
