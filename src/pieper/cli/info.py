@@ -60,9 +60,8 @@ def info(
         f"{number(far.from_first_axis, 3)} m from the first axis",
         markup=False,
     )
-    said = {"structure": family.reason, "solved": str(robot.ik_info).removeprefix("solved ")}
-    if family.reason in said["solved"]:
-        del said["structure"]
+    solved = str(robot.ik_info).removeprefix("solved ").replace(f": {family.reason}", "")
+    said = {"structure": family.reason, "solved": solved}
     for name, words in said.items():
         for k, line in enumerate(wrap(words, max(20, out.width - 11))):
             out.print(f"{'' if k else name:9s}  {line}", markup=False)
