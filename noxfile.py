@@ -118,6 +118,15 @@ def native(session: nox.Session) -> None:
 
 
 @nox.session
+def foreign(session: nox.Session) -> None:
+    """Compile the tests of the C++ library for Linux on aarch64 and for Windows, and run them emulated (QEMU, Wine)."""
+    session.install(*groups("build"))
+    aarch64 = "foreign_tests Linux aarch64 aarch64-linux-gnu-g++ qemu-aarch64"
+    windows = "foreign_tests Windows AMD64 x86_64-w64-mingw32-g++-posix wine"
+    session.run("bash", "-c", f"source scripts/setup.sh && {aarch64} && {windows}", external=True)
+
+
+@nox.session
 def variants(session: nox.Session) -> None:
     """Build with GCC and Clang, vectors and portable, test with every instruction set, compare answers; `-- --answers` is short."""
     session.install(*groups("build", "test"), "numpy", "scipy", "defusedxml", "typer", "rich")
