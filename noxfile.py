@@ -96,6 +96,14 @@ def rclpy(session: nox.Session) -> None:
 
 
 @nox.session
+def peers(session: nox.Session) -> None:
+    """Run every line of docs/guides/coming_from.md with the packages that it translates from (Linux on x86-64, Python 3.11 to 3.13)."""
+    install_pieper(session, "test")
+    session.install("--no-deps", *groups("peers"))
+    session.run("python", "-m", "pytest", "tests/migration", *session.posargs)
+
+
+@nox.session
 def docs(session: nox.Session) -> None:
     """Build the documentation; a warning, a broken link and anything that is fetched from outside is an error."""
     install_pieper(session, "docs", extra="[all]")  # the reference imports every room
@@ -202,7 +210,8 @@ def bench(session: nox.Session) -> None:
         "forward_kinematics",
         "single_call",
         "numeric_ik",
-        "closed_form",
+        "every_solution",
+        "features",
         "report_loop",
         "segmentation",
         "import_and_size",
