@@ -226,12 +226,13 @@ native_tests() {
   ctest --test-dir build/native-tests/native --output-on-failure
 }
 
-# The same tests on the portable path, as a compiler without vector types has it; with Clang where there is one, to hear a second compiler.
+# The same tests on the portable path, as a compiler without vector types has it, to the letter of the standard; with Clang where there is one, to hear a
+# second compiler.
 portable_tests() {
   ensure_compiler
   local compiler=$CXX
   ! compiles_cxx20 clang++ || compiler=clang++
-  step "configuring the portable tests ($compiler)" env CXX="$compiler" cmake -S . -B "build/portable-tests-$compiler" -G Ninja -DCMAKE_BUILD_TYPE=Release -DPIEPER_PORTABLE=ON
+  step "configuring the portable tests ($compiler)" env CXX="$compiler" cmake -S . -B "build/portable-tests-$compiler" -G Ninja -DCMAKE_BUILD_TYPE=Release -DPIEPER_PORTABLE=ON -DCMAKE_CXX_FLAGS=-pedantic-errors
   step "compiling the portable tests" cmake --build "build/portable-tests-$compiler"
   ctest --test-dir "build/portable-tests-$compiler/native" --output-on-failure
 }
