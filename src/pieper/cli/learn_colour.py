@@ -89,7 +89,6 @@ def learn_colour(
     """
     from pieper.perception.color_learning import learn
     from pieper.perception.color_regions import read_regions, regions_as_data
-    from pieper.perception.drawn_color import draw_color
     from pieper.perception.opencv import quiet
     from pieper.perception.source import probe, read_frames
     from pieper.yaml_file import write_yaml
@@ -137,7 +136,7 @@ def learn_colour(
 
 def _named(words: list[str]) -> tuple[list[str], dict[str, tuple[int, int, int]]]:
     """The colours of the command line in their order, and how they are drawn where that was said."""
-    from pieper.perception.color import draw_color
+    from pieper.perception.drawn_color import draw_color
 
     names: list[str] = []
     draw = {}
