@@ -387,7 +387,9 @@ def _check_points(pixels: FloatArray, places: FloatArray) -> None:
     cv2 = opencv("the pose of a field")
     H, _ = cv2.findHomography(places[:, :2], pixels)
     if H is None:
-        raise VisionError("no view of a plane maps these places to these pixels")
+        raise VisionError(
+            "no view of a plane maps these places to these pixels; is each pixel beside its own place, in metres?"
+        )
     w = places[:, :2] @ H[2, :2] + H[2, 2]
     if (w > 0).all() != (w > 0).any():
         raise VisionError(
