@@ -620,9 +620,9 @@ def test_simulated_time_drives_the_arm():
 @pytest.mark.parametrize(
     ("parameter", "reason"),
     [
-        ("rate:=0.0", "the value must be from 1 to 1000, got 0.0"),
-        ("max_points:=0", "the value must be from 1 to 1e"),
-        ("goal_time:=-1.0", "the value must be from 0 to 3600"),
+        ("rate:=0.0", "must be from 1 to 1000, got 0.0"),
+        ("max_points:=0", "must be from 1 to 1e"),
+        ("goal_time:=-1.0", "must be from 0 to 3600"),
     ],
 )
 def test_parameters_are_checked(parameter, reason):

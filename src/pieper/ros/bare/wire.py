@@ -106,8 +106,17 @@ class DdsWire:
         return f"this node was deaf: {deaf}; participant rebuilt, other nodes see it as a new one"
 
     def _complaints(self) -> str | None:
-        complaints = [complaint for endpoint in self._endpoints if (complaint := endpoint.complaint())]
+        complaints = [
+            complaint
+            for endpoint in self._endpoints
+            if (complaint := endpoint.complaint()) and not self._is_heard_otherwise(endpoint)
+        ]
         return "; ".join(complaints) or None
+
+    def _is_heard_otherwise(self, endpoint: Endpoint) -> bool:
+        """Whether a second reader of the topic takes what this one has to refuse, as those do who listen for latched and for plain samples."""
+        readers = (other for other in self._endpoints if isinstance(other, TopicReader))
+        return isinstance(endpoint, TopicReader) and any(other.asks_less_than(endpoint) for other in readers)
 
     # Life
 
