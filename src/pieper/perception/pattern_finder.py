@@ -85,6 +85,7 @@ class PatternFinder:
     --------
     >>> from pieper.perception.blobs import Blobs
     >>> from pieper.perception.field_view import PixelView
+    >>> from pieper.perception.pattern import load_patterns
     >>> league = load_patterns("report")
     >>> seen = np.array([[100, 100], [130, 100], [115, 79], [115, 121]]) + 0.0  # 3 mm to a pixel
     >>> blobs = Blobs(("red", "green", "blue"), np.array([0, 2, 1, 1]), seen, np.tile(np.eye(2) * 1e-3, (4, 1, 1)),
