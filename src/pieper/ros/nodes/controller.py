@@ -95,7 +95,27 @@ class Controller:
         self._taken: int | None = None  # when the last command came that was looked at,
         self._last_goal: int | None = None  # and the last goal
         self._told_of_rate = False
-        rate = bus.parameter(
+        self._declare_parameters()
+        self._fed_back = self._time
+        self._joint_states = bus.publisher("joint_states", JOINT_STATE)
+        bus.subscribe("set_joint_states", JOINT_STATE, self._on_joint_states)
+        bus.subscribe("joint_trajectory", JOINT_TRAJECTORY, self._on_trajectory)
+        bus.serve("stop", "std_srvs/srv/Trigger", self._on_stop)
+        bus.serve("home", "std_srvs/srv/Trigger", self._on_home)
+        self._action = ActionServer(
+            bus,
+            "follow_joint_trajectory",
+            FOLLOW_JOINT_TRAJECTORY,
+            on_goal=self._on_goal,
+            on_cancel=self._on_cancel,
+            say=self._complaints.say,
+        )
+        bus.timer(1.0 / self._rate.value, self._tick)
+        bus.log("info", f"Ready to move {', '.join(robot.joint_names)}")
+
+    def _declare_parameters(self) -> None:
+        bus = self._bus
+        self._rate = bus.parameter(
             "rate", 100.0, description="joint states in a second", check=between(1.0, 1000.0), read_only=True
         )
         self._most_commands = bus.parameter(
@@ -127,22 +147,6 @@ class Controller:
         self._feedback_rate = bus.parameter(
             "action_monitor_rate", 20.0, description="feedback messages in a second", check=between(0.1, 1000.0)
         )
-        self._fed_back = self._time
-        self._joint_states = bus.publisher("joint_states", JOINT_STATE)
-        bus.subscribe("set_joint_states", JOINT_STATE, self._on_joint_states)
-        bus.subscribe("joint_trajectory", JOINT_TRAJECTORY, self._on_trajectory)
-        bus.serve("stop", "std_srvs/srv/Trigger", self._on_stop)
-        bus.serve("home", "std_srvs/srv/Trigger", self._on_home)
-        self._action = ActionServer(
-            bus,
-            "follow_joint_trajectory",
-            FOLLOW_JOINT_TRAJECTORY,
-            on_goal=self._on_goal,
-            on_cancel=self._on_cancel,
-            say=self._complaints.say,
-        )
-        bus.timer(1.0 / rate.value, self._tick)
-        bus.log("info", f"Ready to move {', '.join(robot.joint_names)}")
 
     # Commands
 
