@@ -229,7 +229,7 @@ def _tracker(
         place = _rectangle(within)
     for name in largest:
         if name not in model.names:
-            raise unknown_name("color", name, model.names, str(colors))
+            raise unknown_name("colour", name, model.names, str(colors))
     adaptation = LightAdaptation(model) if adapt else None
     tracker = MarkerTracker(
         model,
