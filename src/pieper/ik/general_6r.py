@@ -18,7 +18,6 @@ Manocha, Canny, Efficient inverse kinematics for general 6R manipulators, IEEE T
 
 from __future__ import annotations
 
-import operator
 from dataclasses import dataclass
 from enum import IntFlag
 from typing import TYPE_CHECKING
@@ -29,7 +28,7 @@ from numpy.typing import NDArray
 from pieper._native import kernels
 from pieper.errors import ArrayError, unknown_name
 from pieper.ik.prepared import prepared
-from pieper.spatial._checks import FloatArray, poses
+from pieper.spatial._checks import FloatArray, poses, whole_number
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -215,12 +214,7 @@ def solve_general_6r(
     try:
         q, position_error, rotation_error, valid, flags = native.solve(T_base_tip, chosen, threads)
     except TypeError:  # not plain arrays of the right shape: convert them, or say what is wrong
-        try:
-            workers = operator.index(threads)
-        except TypeError:
-            workers = 0
-        if workers < 1:
-            raise ArrayError(f"threads must be a whole number of at least 1, got {threads!r}") from None
+        workers = whole_number(threads, "threads")
         T = np.ascontiguousarray(poses(T_base_tip, "T_base_tip"))
         q, position_error, rotation_error, valid, flags = native.solve(T, chosen, workers)
     return GeneralSolutions(q, valid, position_error, rotation_error, flags)

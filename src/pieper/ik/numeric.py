@@ -18,7 +18,6 @@ Sugihara, Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt 
 
 from __future__ import annotations
 
-import operator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,7 +26,7 @@ from pieper.errors import ArrayError
 from pieper.ik.question import seeds
 from pieper.ik.solutions import IKSolutions, Nearest
 from pieper.ik.target import Target
-from pieper.spatial._checks import FloatArray, poses
+from pieper.spatial._checks import FloatArray, poses, whole_number
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -176,9 +175,4 @@ def require_tolerances(position: object, rotation: object) -> None:
 def require_counts(**counts: object) -> None:
     """Raises ArrayError, with the name of the argument, unless each is a whole number of at least 1."""
     for name, value in counts.items():
-        try:
-            number = operator.index(value)  # type: ignore[arg-type]
-        except TypeError:
-            number = 0
-        if number < 1:
-            raise ArrayError(f"{name} must be a whole number of at least 1, got {value!r}")
+        whole_number(value, name)

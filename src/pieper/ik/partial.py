@@ -25,7 +25,6 @@ has to lie in the plane of the arm, and `PartialSolutions.nearest` tells by whic
 
 from __future__ import annotations
 
-import operator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -33,15 +32,14 @@ import numpy as np
 
 from pieper.errors import ArrayError
 from pieper.ik import constrained_newton as newton
+from pieper.ik._directions import directions, orientations, pointing, turns_about
+from pieper.ik._partial_plan import VIRTUAL_AXES, Plan, plan_of
 from pieper.ik.family import size_of
 from pieper.ik.numeric import solve_numeric
-from pieper.ik.prepared import prepared
-from pieper.ik.projection import Projections, angle_between, axis_misfit, project, spread_joints, unlimited, wrapped
+from pieper.ik.projection import Projections, angle_between, project, spread_joints, unlimited, wrapped
 from pieper.ik.target import Target
-from pieper.ik.virtual_joint import CompleteMethod, complete_method, extended
 from pieper.kinematics.joints import as_joints
-from pieper.spatial._checks import poses
-from pieper.spatial.rotation import from_quaternion
+from pieper.spatial._checks import poses, whole_number
 from pieper.spatial.twist import exp
 
 if TYPE_CHECKING:
@@ -55,16 +53,11 @@ if TYPE_CHECKING:
     BoolArray = NDArray[np.bool_]
 
 _TURN = 2.0 * np.pi
-_COLLINEAR = 1e-9  # a tool axis this near to the last joint axis is that axis
-_NEARLY_COLLINEAR = 1e-2  # and one this near makes for badly conditioned answers
-_RANK = 1e-7  # singular values of the rows below this, in units of the largest, count as 0
 _SAME = 1e-6  # [rad]
 _NEAREST_SAMPLES = 8  # that are moved along their family
 _STARTS = 32  # where no sample met a family
 _AT_ONCE = 16384  # poses, to bound the memory
 
-# Virtual joints: directions in the tip frame at right angles to one another, along no axis that an arm is likely to have.
-_VIRTUAL_AXES = ((0.36, 0.48, 0.8), (0.8, -0.6, 0.0), (0.48, 0.64, -0.6))
 # Some orientation, for targets whose orientation is free and does not matter.
 _SOME_ROTATION = exp(np.array([0.0, 0.0, 0.0, 0.3, 0.8, 1.3]))[:3, :3]
 
@@ -94,25 +87,6 @@ class PartialSolutions(NamedTuple):
     """What kind of answers these are, in words."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Plan:
-    """How one arm is solved for one kind of target."""
-
-    axis_tip: FloatArray | None
-    virtual: int
-    method: CompleteMethod | None
-    free_dimension: int
-    free_joint: int | None
-    words: str
-    badly_conditioned: bool = False
-    plane: FloatArray | None = None
-    """The direction of all axes, of planar and SCARA arms."""
-
-    @property
-    def sampled(self) -> bool:
-        return self.free_dimension > 0 and self.free_joint is None
-
-
 def covers(chain: Chain, target: Target) -> bool:
     """Whether `solve_partial` takes this arm and these rows; else the numeric solver has to.
 
@@ -131,7 +105,7 @@ def covers(chain: Chain, target: Target) -> bool:
     >>> covers(catalog.describe("panda").chain(), ignore_orientation([0.3, 0.3, 0.3]))
     False
     """
-    return _plan(chain, target) is not None
+    return plan_of(chain, target) is not None
 
 
 def solve_partial(
@@ -198,14 +172,14 @@ def solve_partial(
     >>> answers.free_dimension, answers.complete, bool(answers.position_error[0] < 1e-12)
     (1, False, True)
     """
-    plan = _plan(chain, target)
+    plan = plan_of(chain, target)
     if plan is None:
         raise ArrayError(
             f"solve_partial does not cover this target of {chain.name!r} with {chain.dof} joints: it takes a position, or a position and "
             "one axis, with weights 1, for up to 6 joints that can move along these rows; use the numeric solver"
         )
-    m = _whole_number(samples, "samples")
-    workers = _whole_number(threads, "threads")
+    m = whole_number(samples, "samples")
+    workers = whole_number(threads, "threads")
     for name, value in (("position_tolerance", position_tolerance), ("rotation_tolerance", rotation_tolerance)):
         _require_positive(value, name)
     T = poses(target.T_base_tip, "T_base_tip")
@@ -254,16 +228,6 @@ def _require_positive(value: object, name: str) -> None:
         raise ArrayError(f"{name} must be a positive number, got {value!r}")
 
 
-def _whole_number(value: object, name: str) -> int:
-    try:
-        number = operator.index(value)  # type: ignore[arg-type]
-    except TypeError:
-        number = 0
-    if number < 1:
-        raise ArrayError(f"{name} must be a whole number of at least 1, got {value!r}")
-    return number
-
-
 def _padded(array: NDArray, k: int) -> NDArray:  # type: ignore[type-arg]
     """(N, k, ...) from fewer places."""
     wider = [(0, 0), (0, k - array.shape[1])] + [(0, 0)] * (array.ndim - 2)
@@ -273,100 +237,6 @@ def _padded(array: NDArray, k: int) -> NDArray:  # type: ignore[type-arg]
 # What to do for an arm
 
 
-def _plan(chain: Chain, target: Target) -> _Plan | None:
-    """How to solve the rows of a target; None where they are not covered. Made once for an arm and a tool axis."""
-    if target.axis is not None:
-        wanted = (1.0,) * 6
-    else:
-        wanted = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
-    if target.weights != wanted or chain.is_coupled or chain.dof not in (2, 3, 4, 5, 6):
-        return None
-    if target.axis is None:
-        return prepared(chain, "plan", None, lambda: _plan_for_position(chain))
-    axis = np.asarray(target.axis, dtype=np.float64)
-    return prepared(chain, "plan", target.axis, lambda: _plan_for_axis(chain, axis))
-
-
-def _plan_for_position(chain: Chain) -> _Plan | None:
-    n = chain.dof
-    plane = _common_direction(chain)
-    if plane is not None:
-        return _plan_in_a_plane(chain, plane)
-    if n < 3 or _rank(chain, None) < 3:
-        return None
-    method = complete_method(extended(chain, _VIRTUAL_AXES[: 6 - n]))
-    if method is None:
-        return None
-    kinds = ("isolated answers", "curves of answers", "surfaces of answers", "a three-dimensional set of answers")
-    words = f"position only, {n} joints: {kinds[n - 3]}" + (", sampled" if n > 3 else "")
-    return _Plan(None, 6 - n, method, n - 3, None, words)
-
-
-def _common_direction(chain: Chain) -> FloatArray | None:
-    """(3,) the direction that all axes have, in the base frame; None where they have not."""
-    turning = chain.is_revolute
-    directions = np.where(turning[:, None], chain.screws[:, 3:], chain.screws[:, :3])
-    parallel = np.linalg.norm(np.cross(directions, directions[0]), axis=1).max() < _COLLINEAR
-    return np.asarray(directions[0]) if parallel and turning.any() else None
-
-
-def _plan_in_a_plane(chain: Chain, direction: FloatArray) -> _Plan | None:
-    """Planar and SCARA arms: of the orientation there is one turn, which is virtual or sampled."""
-    turning = int(chain.is_revolute.sum())
-    if turning not in (2, 3):
-        return None
-    axis = tuple((chain.home[:3, :3].T @ direction).tolist())
-    method = complete_method(extended(chain, [axis] if turning == 2 else []))
-    if method is None:
-        return None
-    words = f"position only, {chain.dof} joints with parallel axes: " + (
-        "isolated answers" if turning == 2 else "curves of answers, sampled"
-    )
-    return _Plan(None, 3 - turning, method, turning - 2, None, words, plane=direction)
-
-
-def _plan_for_axis(chain: Chain, axis: FloatArray) -> _Plan | None:
-    n = chain.dof
-    if n < 5:
-        return None
-    rank, misfit = _rank(chain, axis), axis_misfit(chain, axis)
-    badly = misfit < _NEARLY_COLLINEAR
-    last = chain.joint_names[-1]
-    if n == 6:
-        method = complete_method(chain)
-        if rank < 5 or method is None:
-            return None
-        if misfit < _COLLINEAR:
-            words = f"position and axis: joint {last!r} turns about the tool axis and is free; the others have isolated answers"
-            return _Plan(axis, 0, method, 1, n - 1, words)
-        return _Plan(axis, 0, method, 1, None, "position and axis, 6 joints: curves of answers, sampled")
-    if misfit < _COLLINEAR:
-        words = (
-            f"position and axis: joint {last!r} turns about the tool axis and is free; the four others reach axes in the plane "
-            "of the arm only"
-        )
-        return _Plan(axis, 0, complete_method(chain), 1, n - 1, words)
-    method = complete_method(extended(chain, [axis.tolist()]))
-    if (rank < 5 and not badly) or method is None:
-        return None
-    words = "position and axis, 5 joints: isolated answers"
-    if badly:
-        words += f"; the tool axis is {misfit:.1g} from the axis of joint {last!r}, so that they are badly conditioned"
-    return _Plan(axis, 1, method, 0, None, words, badly)
-
-
-def _rank(chain: Chain, axis: FloatArray | None) -> int:
-    """Rank of the rows that count, at the best of some configurations."""
-    q = np.random.default_rng(7).uniform(-np.pi, np.pi, (16, chain.dof))
-    J = chain.native.jacobian(q)
-    rows = J[:, :3] / size_of(chain)
-    if axis is not None:
-        pointing = chain.native.fk(q)[:, :3, :3] @ axis
-        rows = np.concatenate([rows, np.cross(J[:, 3:], pointing[..., None], axis=1)], axis=1)
-    values = np.linalg.svd(rows, compute_uv=False)
-    return int((values > _RANK * values.max()).sum(axis=-1).max())
-
-
 # One chunk of targets
 
 
@@ -374,7 +244,7 @@ def _rank(chain: Chain, axis: FloatArray | None) -> int:
 class _Problem:
     chain: Chain
     target: Target
-    plan: _Plan
+    plan: Plan
     position_tolerance: float
     rotation_tolerance: float
     threads: int
@@ -560,17 +430,17 @@ def _towards(chain: Chain, q: FloatArray, seeds: FloatArray) -> FloatArray:
 # Filling the freedom in
 
 
-def _completions(plan: _Plan, chain: Chain, T: FloatArray, samples: int) -> FloatArray:
+def _completions(plan: Plan, chain: Chain, T: FloatArray, samples: int) -> FloatArray:
     """Whole poses (N, m, 4, 4) that agree with targets (N, 4, 4) in the rows that count."""
     n = chain.dof
     if plan.plane is not None:
         several = samples if plan.sampled else 1
-        R = _about(plan.plane, np.asarray(np.arange(several) * (_TURN / several))) @ chain.home[:3, :3]
+        R = turns_about(plan.plane, np.asarray(np.arange(several) * (_TURN / several))) @ chain.home[:3, :3]
         R = np.broadcast_to(R, (len(T), several, 3, 3))
     elif plan.axis_tip is not None:
         if n == 5 or plan.free_joint is not None:
             return T[:, None]
-        turns = _about(plan.axis_tip, np.asarray(np.arange(samples) * (_TURN / samples)))
+        turns = turns_about(plan.axis_tip, np.asarray(np.arange(samples) * (_TURN / samples)))
         R = T[:, None, :3, :3] @ turns
     elif n == 3:
         R = np.broadcast_to(_SOME_ROTATION, (len(T), 1, 3, 3))
@@ -578,51 +448,16 @@ def _completions(plan: _Plan, chain: Chain, T: FloatArray, samples: int) -> Floa
         # the last virtual axis points along half a circle: every direction that it must be across meets that
         angles = (np.arange(samples) + 0.5) * (np.pi / samples)
         half_circle = np.stack([np.cos(angles), np.sin(angles), np.zeros(samples)], axis=-1)
-        R = np.broadcast_to(_pointing(np.array(_VIRTUAL_AXES[1]), half_circle), (len(T), samples, 3, 3))
+        R = np.broadcast_to(pointing(np.array(VIRTUAL_AXES[1]), half_circle), (len(T), samples, 3, 3))
     elif n == 5:
-        R = np.broadcast_to(_pointing(np.array(_VIRTUAL_AXES[0]), _sphere(samples)), (len(T), samples, 3, 3))
+        R = np.broadcast_to(pointing(np.array(VIRTUAL_AXES[0]), directions(samples)), (len(T), samples, 3, 3))
     else:
-        R = np.broadcast_to(_orientations(samples), (len(T), samples, 3, 3))
+        R = np.broadcast_to(orientations(samples), (len(T), samples, 3, 3))
     filled = np.zeros((len(T), R.shape[1], 4, 4))
     filled[..., :3, :3] = R
     filled[..., :3, 3] = T[:, None, :3, 3]
     filled[..., 3, 3] = 1.0
     return filled
-
-
-def _about(axis: FloatArray, angles: FloatArray) -> FloatArray:
-    """Rotations (m, 3, 3) about one unit axis."""
-    quaternions = np.concatenate([np.sin(0.5 * angles)[:, None] * axis, np.cos(0.5 * angles)[:, None]], axis=-1)
-    return from_quaternion(quaternions)
-
-
-def _pointing(axis: FloatArray, directions: FloatArray) -> FloatArray:
-    """Some rotations (m, 3, 3) that take a unit axis to unit directions (m, 3): by half a turn about the middle of both."""
-    middle = directions + axis
-    size = np.linalg.norm(middle, axis=-1, keepdims=True)
-    across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    middle = np.where(size > 1e-6, middle / np.maximum(size, 1e-6), across / np.linalg.norm(across))
-    return np.asarray(2.0 * middle[:, :, None] * middle[:, None, :] - np.eye(3))
-
-
-def _sphere(samples: int) -> FloatArray:
-    """(m, 3) directions on a Fibonacci spiral."""
-    i = np.arange(samples) + 0.5
-    z = 1.0 - 2.0 * i / samples
-    turn = np.pi * (3.0 - np.sqrt(5.0)) * i
-    r = np.sqrt(1.0 - z * z)
-    return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=-1)
-
-
-def _orientations(samples: int) -> FloatArray:
-    """(m, 3, 3) rotations on a super-Fibonacci spiral (Alexa, CVPR 2022)."""
-    s = np.arange(samples) + 0.5
-    t = s / samples
-    inner, outer = np.sqrt(t), np.sqrt(1.0 - t)
-    a, b = _TURN * s / np.sqrt(2.0), _TURN * s / 1.533751168755204288118041
-    return from_quaternion(
-        np.stack([inner * np.sin(a), inner * np.cos(a), outer * np.sin(b), outer * np.cos(b)], axis=-1)
-    )
 
 
 # The nearest to a seed

@@ -17,7 +17,6 @@ tells which of the sampled solutions belong together.
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -36,7 +35,7 @@ from pieper.ik.prepared import prepared
 from pieper.ik.swivel import Swivel, find_swivel, solve_swivel
 from pieper.ik.target import pose
 from pieper.kinematics.joints import as_joints
-from pieper.spatial._checks import FloatArray, poses, stack, together
+from pieper.spatial._checks import FloatArray, poses, stack, together, whole_number
 from pieper.spatial.twist import exp
 
 if TYPE_CHECKING:
@@ -293,7 +292,7 @@ def solve_redundant(
     True
     """
     redundancy = prepare(chain)
-    threads = _whole_number(threads, "threads")
+    threads = whole_number(threads, "threads")
     tolerances = np.array([position_tolerance, rotation_tolerance])
     if values is None:
         plan = _sampled(redundancy, samples)
@@ -546,16 +545,6 @@ def _joined(curve: SolutionCurve, joint: int, places: FloatArray, gap: float) ->
     return np.asarray(joined)
 
 
-def _whole_number(value: int, name: str) -> int:
-    try:
-        number = operator.index(value)
-    except TypeError:
-        number = 0
-    if number < 1:
-        raise ArrayError(f"{name} must be a whole number of at least 1, got {value!r}")
-    return number
-
-
 def _is_plain(T: object) -> TypeGuard[FloatArray]:
     """True for finite float64 arrays of shape (..., 4, 4)."""
     if type(T) is not np.ndarray or T.dtype != np.float64 or T.shape[-2:] != (4, 4):
@@ -571,7 +560,7 @@ def _sampled(redundancy: Redundancy, samples: int, *, limited: bool = True) -> t
     """Sampled values and their transports, made once."""
     plan = redundancy._kept.get((samples, limited))
     if plan is None:
-        count = _whole_number(samples, "samples")
+        count = whole_number(samples, "samples")
         values = redundancy.samples(count, limited=limited)
         plan = redundancy._kept[samples, limited] = (values, np.ascontiguousarray(redundancy.transports(values)))
     return plan

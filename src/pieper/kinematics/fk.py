@@ -8,13 +8,12 @@ configurations per instruction.
 
 from __future__ import annotations
 
-import operator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pieper.errors import ArrayError
 from pieper.kinematics.joints import as_joints, as_out
+from pieper.spatial._checks import whole_number
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -80,7 +79,7 @@ def fk(
         values = as_joints(chain, q)
         if out is not None:
             as_out(out, (*values.shape[:-1], 4, 4))
-        return chain.native.fk(values, out, _as_threads(threads))
+        return chain.native.fk(values, out, whole_number(threads, "threads"))
 
 
 def fk_frames(chain: Chain, q: ArrayLike, *, frames: Sequence[str | int] | None = None) -> NDArray[np.float64]:
@@ -106,13 +105,3 @@ def _frame_poses(chain: Chain, q: ArrayLike, which: Sequence[str | int]) -> NDAr
     frames = [chain.frame(w) for w in which]
     homes = np.array([f.home for f in frames]).reshape(-1, 4, 4)
     return chain.native.link_poses(as_joints(chain, q), [f.after for f in frames], homes)
-
-
-def _as_threads(threads: int) -> int:
-    try:
-        count = operator.index(threads)
-    except TypeError:
-        count = 0
-    if count < 1:
-        raise ArrayError(f"threads must be a whole number of at least 1, got {threads!r}")
-    return count

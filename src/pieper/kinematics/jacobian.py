@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pieper.errors import ArrayError
-from pieper.kinematics.fk import _as_threads
 from pieper.kinematics.joints import as_joints, as_out
+from pieper.spatial._checks import whole_number
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -95,7 +95,11 @@ def _converted(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, int]:
     """The arguments as the kernels take them, or an error that says what is wrong with them."""
     values = as_joints(chain, q)
-    return values, None if out is None else as_out(out, (*values.shape[:-1], 6, chain.dof)), _as_threads(threads)
+    return (
+        values,
+        None if out is None else as_out(out, (*values.shape[:-1], 6, chain.dof)),
+        whole_number(threads, "threads"),
+    )
 
 
 def jacobian_rate(chain: Chain, q: ArrayLike, dq: ArrayLike) -> NDArray[np.float64]:
@@ -162,4 +166,4 @@ def manipulability(chain: Chain, q: ArrayLike, *, threads: int = 1) -> NDArray[n
     -------
     (...) array, or a float for one configuration
     """
-    return chain.native.manipulability(as_joints(chain, q), _as_threads(threads))[()]
+    return chain.native.manipulability(as_joints(chain, q), whole_number(threads, "threads"))[()]

@@ -15,31 +15,29 @@ import keyword
 import re
 import reprlib
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import cached_property
-from math import cos, isfinite, pi, sin
+from math import pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from pieper.atomic_file import write_text
-from pieper.errors import ArrayError, DescriptionError, MissingExtraError, unknown_name
+from pieper.errors import ArrayError, DescriptionError, MissingExtraError
+from pieper.model._exact_pose import Product, exact_angle, exact_length
+from pieper.model._formula_parser import RESERVED, FormulaParser
 from pieper.model.dh import as_dh
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from numpy.typing import ArrayLike
+
+    from pieper.model._arrays import FloatArray
     from pieper.model.chain import Chain
 
-FloatArray = NDArray[np.float64]
 
-_ULPS = 4  # a home pose is a product of poses: its numbers carry this much rounding
 _MAX_BYTES = 4 << 20  # of a file: the seven joints of a Panda with offsets need 30 kB
-_MAX_DEPTH = 100  # of nested brackets
-_MAX_EXPONENT = 64
-_RESERVED = frozenset({"sin", "cos", "sqrt", "pi"})
 _IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
@@ -127,13 +125,14 @@ def end_effector(chain: Chain) -> SymbolicPose:
     symbols = _symbol_names(chain.joint_names)
     q = [sympy.Symbol(name) for name in symbols]
     table = as_dh(chain, convention="hayati")
-    product = _Product(sympy, table.T_base)
+    product = Product(sympy, table.T_base)
     axis = 0
     for row in table.rows:
-        theta, d = _angle(sympy, row.theta), _length(sympy, row.d)
+        theta, d = exact_angle(sympy, row.theta), exact_length(sympy, row.d)
         if row.type != "fixed":
             value = sum(
-                (_length(sympy, factor) * q[j] for j, factor in enumerate(chain.coupling[axis]) if factor), sympy.S.Zero
+                (exact_length(sympy, factor) * q[j] for j, factor in enumerate(chain.coupling[axis]) if factor),
+                sympy.S.Zero,
             )
             axis += 1
             if row.type == "revolute":
@@ -142,97 +141,15 @@ def end_effector(chain: Chain) -> SymbolicPose:
                 d += row.sign * value
         product.turn_z(theta)
         product.move(0, 0, d)
-        product.move(_length(sympy, row.a), 0, 0)
+        product.move(exact_length(sympy, row.a), 0, 0)
         product.tilt(row.alpha, row.beta)
     product.then(table.T_tool)
     return SymbolicPose(sympy.ImmutableMatrix(product.matrix()), chain.joint_names, symbols)
 
 
-class _Product:
-    """A product of poses in which turns about one z axis are collected before they are multiplied out."""
-
-    def __init__(self, sympy: Any, T: FloatArray) -> None:
-        self.sympy = sympy
-        self.done = self._exact(T)
-        self.angle = sympy.S.Zero
-        self.place = sympy.zeros(3, 1)
-
-    def _exact(self, T: FloatArray) -> Any:
-        return self.sympy.Matrix(4, 4, [_entry(self.sympy, float(value)) for value in T.ravel()])
-
-    def turn_z(self, angle: Any) -> None:
-        self.angle += angle
-
-    def move(self, x: Any, y: Any, z: Any) -> None:
-        c, s = self.sympy.cos(self.angle), self.sympy.sin(self.angle)
-        self.place += self.sympy.Matrix([c * x - s * y, s * x + c * y, z])
-
-    def tilt(self, alpha: float, beta: float) -> None:
-        if alpha == 0.0 and beta == 0.0:
-            return
-        sa, ca = _sin_cos(self.sympy, alpha)
-        sb, cb = _sin_cos(self.sympy, beta)
-        rows = [[cb, 0, sb, 0], [sa * sb, ca, -sa * cb, 0], [-ca * sb, sa, ca * cb, 0], [0, 0, 0, 1]]
-        self._multiply(self.sympy.Matrix(rows))
-
-    def then(self, T: FloatArray) -> None:
-        self._multiply(self._exact(T))
-
-    def _multiply(self, X: Any) -> None:
-        c, s = self.sympy.cos(self.angle), self.sympy.sin(self.angle)
-        x, y, z = self.place
-        self.done = self.done * self.sympy.Matrix([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, z], [0, 0, 0, 1]]) * X
-        self.angle, self.place = self.sympy.S.Zero, self.sympy.zeros(3, 1)
-
-    def matrix(self) -> Any:
-        return self.done
-
-
-# --------------------------------------------------------------------------------------------------------------------
-# exact numbers
-
-
-def _entry(sympy: Any, value: float) -> Any:
-    """An entry of a constant pose: a short decimal, or the sine of a multiple of pi/12."""
-    for k in range(7):
-        exact = sin(k * pi / 12.0)
-        if abs(abs(value) - exact) <= _ULPS * np.spacing(max(exact, 0.25)):
-            return sympy.sign(sympy.Integer(1 if value >= 0.0 else -1)) * sympy.sin(k * sympy.pi / 12)
-    return _length(sympy, value)
-
-
-def _length(sympy: Any, value: float) -> Any:
-    """A number: the fraction that a decimal of up to nine places means, else the double itself."""
-    value = float(value)
-    decimal = round(value, 9)
-    if abs(value - decimal) <= _ULPS * np.spacing(abs(value)) or abs(value) < np.spacing(1.0):
-        fraction = Fraction(repr(decimal))
-        return sympy.Rational(fraction.numerator, fraction.denominator)
-    return _float(sympy, value)
-
-
-def _angle(sympy: Any, value: float) -> Any:
-    """An angle: the multiple of pi/12 that it is, else the double itself."""
-    twelfths = round(value / (pi / 12.0))
-    if abs(value - twelfths * (pi / 12.0)) <= _ULPS * np.spacing(abs(value)):
-        return twelfths * sympy.pi / 12
-    return _float(sympy, value)
-
-
-def _sin_cos(sympy: Any, value: float) -> tuple[Any, Any]:
-    angle = _angle(sympy, value)
-    if angle.has(sympy.pi) or angle == 0:
-        return sympy.sin(angle), sympy.cos(angle)
-    return _float(sympy, sin(value)), _float(sympy, cos(value))
-
-
-def _float(sympy: Any, value: float) -> Any:
-    return sympy.Float(repr(float(value)), 17)
-
-
 def _symbol_names(joint_names: Sequence[str]) -> tuple[str, ...]:
     def usable(name: str) -> bool:
-        return bool(_IDENTIFIER.fullmatch(name)) and name not in _RESERVED and not keyword.iskeyword(name)
+        return bool(_IDENTIFIER.fullmatch(name)) and name not in RESERVED and not keyword.iskeyword(name)
 
     if all(usable(name) for name in joint_names):
         return tuple(joint_names)
@@ -316,7 +233,9 @@ def from_yaml(text: str, *, joint_names: Sequence[str] | None = None, source: st
     if not isinstance(elements, list) or len(elements) != 16 or not all(isinstance(e, str) for e in elements):
         raise DescriptionError(source, "elements", "must be a list of 16 strings, row by row")
     names, symbols = _listed_joints(data, joint_names, source)
-    matrix = [_Parser(sympy, element, symbols, source, f"elements[{k}]").parse() for k, element in enumerate(elements)]
+    matrix = [
+        FormulaParser(sympy, element, symbols, source, f"elements[{k}]").parse() for k, element in enumerate(elements)
+    ]
     return SymbolicPose(sympy.ImmutableMatrix(4, 4, matrix), names, symbols)
 
 
@@ -333,7 +252,7 @@ def _listed_joints(
     if len(symbols) != len(listed):
         raise DescriptionError(source, "symbols", f"must name {len(listed)} joints, got {len(symbols)}")
     for name in symbols:
-        if not _IDENTIFIER.fullmatch(name) or name in _RESERVED:
+        if not _IDENTIFIER.fullmatch(name) or name in RESERVED:
             raise DescriptionError(source, "joints", f"{name!r} cannot name a symbol: letters, digits and _ are needed")
     return tuple(listed), tuple(symbols)
 
@@ -359,157 +278,6 @@ def load(path: str | Path, *, joint_names: Sequence[str] | None = None) -> Symbo
     except (OSError, UnicodeDecodeError) as cause:
         raise DescriptionError(str(path), "file", f"cannot be read: {cause}") from cause
     return from_yaml(text, joint_names=joint_names, source=str(path))
-
-
-_TOKEN = re.compile(
-    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[A-Za-z_]\w*)|(?P<sign>\*\*|[-+*/()]))", re.ASCII
-)
-
-
-class _Parser:
-    """Recursive descent over numbers, + - * / **, brackets, sin, cos, sqrt, pi and the joints."""
-
-    def __init__(self, sympy: Any, text: str, symbols: Sequence[str], source: str, element: str) -> None:
-        self.sympy, self.text, self.source, self.element = sympy, text, source, element
-        self.symbols = {name: sympy.Symbol(name) for name in symbols}
-        self.depth = 0
-        self.tokens = self._tokens()
-        self.at = 0
-
-    def _fault(self, reason: str, place: int) -> DescriptionError:
-        return DescriptionError(self.source, self.element, f"{reason} at character {place + 1} of {self._shown(place)}")
-
-    def _shown(self, place: int) -> str:
-        start = max(0, place - 20)
-        return repr(
-            ("..." if start else "") + self.text[start : place + 20] + ("..." if place + 20 < len(self.text) else "")
-        )
-
-    def _tokens(self) -> list[tuple[str, str, int]]:
-        tokens, end, text = [], 0, self.text.rstrip()
-        while end < len(text):
-            match = _TOKEN.match(text, end)
-            if match is None:
-                place = end + len(text[end:]) - len(text[end:].lstrip())
-                raise self._fault(
-                    f"{text[place]!r} is not allowed; only numbers, + - * / **, brackets, sin, cos, sqrt, pi and joints are",
-                    place,
-                )
-            kind = str(match.lastgroup)
-            tokens.append((kind, match[kind], match.start(kind)))
-            end = match.end()
-        tokens.append(("end", "the end", len(text)))
-        return tokens
-
-    def _peek(self) -> str:
-        kind, value, _ = self.tokens[self.at]
-        return value if kind == "sign" else kind
-
-    def _take(self) -> tuple[str, str, int]:
-        token = self.tokens[self.at]
-        self.at += 1
-        return token
-
-    def parse(self) -> Any:
-        """The expression; anything that is not a formula of real numbers is refused."""
-        try:
-            value = self._sum()
-        except RecursionError:
-            raise self._fault("brackets are nested too deep", self.tokens[self.at][2]) from None
-        if self._peek() != "end":
-            _, token, place = self.tokens[self.at]
-            raise self._fault(f"expected an operator, got {token!r}", place)
-        if value.has(self.sympy.I, self.sympy.nan, self.sympy.oo, self.sympy.zoo):
-            raise self._fault("the value is not a real number", 0)
-        return value
-
-    def _sum(self) -> Any:
-        self.depth += 1
-        if self.depth > _MAX_DEPTH:
-            raise self._fault(f"brackets are nested more than {_MAX_DEPTH} deep", self.tokens[self.at][2])
-        terms = [self._product()]
-        while self._peek() in ("+", "-"):
-            _, sign, _ = self._take()
-            term = self._product()
-            terms.append(term if sign == "+" else -term)
-        self.depth -= 1
-        return self.sympy.Add(*terms)
-
-    def _product(self) -> Any:
-        factors = [self._signed()]
-        while self._peek() in ("*", "/"):
-            _, sign, place = self._take()
-            factor = self._signed()
-            if sign == "/":
-                if factor == 0:
-                    raise self._fault("division by zero", place)
-                factor = self.sympy.Pow(factor, -1)
-            factors.append(factor)
-        return self.sympy.Mul(*factors)
-
-    def _signed(self) -> Any:
-        negative = False
-        while self._peek() in ("+", "-"):
-            negative ^= self._take()[1] == "-"
-        value = self._power()
-        return -value if negative else value
-
-    def _power(self) -> Any:
-        base = self._atom()
-        if self._peek() != "**":
-            return base
-        _, _, place = self._take()
-        negative = False
-        while self._peek() in ("+", "-"):
-            negative ^= self._take()[1] == "-"
-        exponent = self._atom()
-        if self._peek() == "**":
-            raise self._fault("powers of powers need brackets", self.tokens[self.at][2])
-        if not exponent.is_Rational or abs(exponent) > _MAX_EXPONENT or exponent.q > 2:
-            raise self._fault(f"the exponent must be a whole or half number up to {_MAX_EXPONENT}", place)
-        exponent = -exponent if negative else exponent
-        if base == 0 and exponent <= 0:
-            raise self._fault("zero to a power that is not positive", place)
-        if base.is_number and base.is_Rational and max(abs(base.p), base.q) > 10**40:
-            raise self._fault("the number is too large for a power", place)
-        return self.sympy.Pow(base, exponent)
-
-    def _atom(self) -> Any:
-        kind, token, place = self._take()
-        if kind == "number":
-            return self._number(token, place)
-        if kind == "sign" and token == "(":
-            value = self._sum()
-            self._close()
-            return value
-        if kind == "name":
-            if self._peek() == "(":
-                if token not in ("sin", "cos", "sqrt"):
-                    raise self._fault(f"{token!r} is no function here; sin, cos and sqrt are", place)
-                self._take()
-                value = self._sum()
-                self._close()
-                return getattr(self.sympy, token)(value)
-            if token == "pi":
-                return self.sympy.pi
-            if token in self.symbols:
-                return self.symbols[token]
-            if token in _RESERVED:
-                raise self._fault(f"{token!r} needs brackets", place)
-            raise self._fault(str(unknown_name("joint", token, self.symbols)), place)
-        raise self._fault(f"expected a number, a joint or a bracket, got {token!r}", place)
-
-    def _close(self) -> None:
-        kind, token, place = self._take()
-        if kind != "sign" or token != ")":
-            raise self._fault(f"expected ')', got {token!r}", place)
-
-    def _number(self, token: str, place: int) -> Any:
-        if len(token) > 60 or not isfinite(float(token)):
-            raise self._fault("the number is too long or too large", place)
-        if token.isdigit():
-            return self.sympy.Integer(token)
-        return self.sympy.Float(token, 17)
 
 
 # --------------------------------------------------------------------------------------------------------------------

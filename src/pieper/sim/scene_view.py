@@ -112,8 +112,13 @@ class SceneView:
 
         Returns
         -------
+<<<<<<< HEAD
         (height, width, 3) uint8 array
             Red, green, blue.
+=======
+        (height, width, 3) array
+            Red, green and blue from 0 to 255.
+>>>>>>> integrate9
 
         Raises
         ------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -78,6 +79,17 @@ def together(**leading: tuple[int, ...]) -> tuple[int, ...]:
     except ValueError:
         names, shapes = ([*map(str, part)] for part in (leading.keys(), leading.values()))
         raise ArrayError(f"the leading axes of {_listed(names)} must broadcast, got shapes {_listed(shapes)}") from None
+
+
+def whole_number(value: object, name: str) -> int:
+    """`value` as an int, refused unless it is a whole number of at least 1."""
+    try:
+        number = operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        number = 0
+    if number < 1:
+        raise ArrayError(f"{name} must be a whole number of at least 1, got {value!r}")
+    return number
 
 
 def _listed(words: list[str]) -> str:

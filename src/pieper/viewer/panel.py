@@ -107,7 +107,7 @@ def on_event(
     Returns
     -------
     callable
-        To be given to the control.
+        To be given to ``on_click`` or ``on_update``.
     """
 
     def called(_: Any) -> None:
