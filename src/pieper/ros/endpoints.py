@@ -142,7 +142,13 @@ class Reply:
         self._sent = True
 
     def open_for(self, type_name: str, respond: Callable[[bytes], None]) -> None:
-        """Take the way back to the caller; if the answer is there already, send it."""
+        """Take the way back to the caller; if the answer is there already, send it.
+
+        Raises
+        ------
+        RosError
+            It answers another request already.
+        """
         if self._respond is not None:
             raise RosError("a Reply answers one request; return a new one for each")
         self._type, self._respond = type_name, respond
