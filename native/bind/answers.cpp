@@ -106,6 +106,62 @@ class Outcome {
   NewArray<signed char> branch_, status_;
 };
 
+// Answers that are put in order aside, because how many places they need is known only then.
+class Aside {
+ public:
+  Aside(const Input& q, const Input& position, const Input& rotation, std::size_t count, std::size_t slots,
+        std::size_t n)
+      : count_(count),
+        slots_(slots),
+        n_(n),
+        q_(q.data(), q.data() + count * slots * n),
+        position_(position.data(), position.data() + count * slots),
+        rotation_(rotation.data(), rotation.data() + count * slots),
+        valid_(new bool[count * slots]),
+        within_(new bool[count * slots]),
+        branch_(count * slots),
+        status_(count) {
+    std::fill_n(valid_.get(), count * slots, true);
+  }
+  Answers answers() {
+    return {slots_,       q_.data(),     position_.data(), rotation_.data(),
+            valid_.get(), within_.get(), branch_.data(),   status_.data()};
+  }
+  // Places that hold every answer to every target.
+  std::size_t needed() const {
+    std::size_t most = 0;
+    for (std::size_t i = 0; i < count_; ++i) {
+      const bool* valid = valid_.get() + i * slots_;
+      most = std::max<std::size_t>(most, std::find(valid, valid + slots_, false) - valid);
+    }
+    return most;
+  }
+  std::size_t missed() const {
+    return count_ - std::count(status_.begin(), status_.end(), static_cast<signed char>(AnswerStatus::reached));
+  }
+  // The first ones of each target; places beyond those there are hold none.
+  void copy_to(const Answers& out) const {
+    constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+    const std::size_t kept = std::min(out.slots, slots_), empty = out.slots - kept;
+    for (std::size_t i = 0; i < count_; ++i) {
+      const std::size_t from = i * slots_, to = i * out.slots;
+      std::fill_n(std::copy_n(q_.data() + from * n_, kept * n_, out.q + to * n_), empty * n_, nan);
+      std::fill_n(std::copy_n(position_.data() + from, kept, out.position_error + to), empty, nan);
+      std::fill_n(std::copy_n(rotation_.data() + from, kept, out.rotation_error + to), empty, nan);
+      std::fill_n(std::copy_n(valid_.get() + from, kept, out.valid + to), empty, false);
+      std::fill_n(std::copy_n(within_.get() + from, kept, out.within_limits + to), empty, false);
+      std::fill_n(std::copy_n(branch_.data() + from, kept, out.branch + to), empty, static_cast<signed char>(-1));
+    }
+    std::copy(status_.begin(), status_.end(), out.status);
+  }
+
+ private:
+  std::size_t count_, slots_, n_;
+  std::vector<double> q_, position_, rotation_;
+  std::unique_ptr<bool[]> valid_, within_;
+  std::vector<signed char> branch_, status_;
+};
+
 }  // namespace
 
 void bind_answers(nb::module_& module, nb::class_<NativeChain>& chain) {
@@ -196,44 +252,12 @@ void bind_answers(nb::module_& module, nb::class_<NativeChain>& chain) {
           not_plain("q");
         options.rows = rows;
         if (branches_before) options.branches = branches_before->data();
-        // put in order aside, because how many places are needed is known only then
-        std::vector<double> q(before.data(), before.data() + all * n),
-            position(position_before.data(), position_before.data() + all),
-            rotation(rotation_before.data(), rotation_before.data() + all);
-        const std::unique_ptr<bool[]> valid(new bool[all]), within(new bool[all]);
-        std::fill_n(valid.get(), all, true);
-        std::vector<signed char> branch(all), status(count);
-        arrange(
-            self.chain, T.data(), question.seeds(), count, options,
-            {k, q.data(), position.data(), rotation.data(), valid.get(), within.get(), branch.data(), status.data()});
-        std::size_t needed = 0, missed = 0;
-        for (std::size_t i = 0; i < count; ++i) {
-          std::size_t here = 0;
-          while (here < k && valid[i * k + here]) ++here;
-          needed = std::max(needed, here);
-          missed += status[i] != static_cast<signed char>(AnswerStatus::reached);
-        }
-        const std::size_t places = most > 0 ? most : std::max<std::size_t>(needed, 1), kept = std::min(places, k);
+        Aside aside(before, position_before, rotation_before, count, k, n);
+        arrange(self.chain, T.data(), question.seeds(), count, options, aside.answers());
+        const std::size_t places = most > 0 ? most : std::max<std::size_t>(aside.needed(), 1);
         const Outcome out(T, places, n);
-        const Answers answers = out.answers();
-        for (std::size_t i = 0; i < count; ++i) {
-          const std::size_t from = i * k, to = i * places;
-          std::copy_n(&q[0] + from * n, kept * n, answers.q + to * n);
-          std::copy_n(&position[0] + from, kept, answers.position_error + to);
-          std::copy_n(&rotation[0] + from, kept, answers.rotation_error + to);
-          std::copy_n(valid.get() + from, kept, answers.valid + to);
-          std::copy_n(within.get() + from, kept, answers.within_limits + to);
-          std::copy_n(&branch[0] + from, kept, answers.branch + to);
-          constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-          std::fill_n(answers.q + (to + kept) * n, (places - kept) * n, nan);
-          std::fill_n(answers.position_error + to + kept, places - kept, nan);
-          std::fill_n(answers.rotation_error + to + kept, places - kept, nan);
-          std::fill_n(answers.valid + to + kept, places - kept, false);
-          std::fill_n(answers.within_limits + to + kept, places - kept, false);
-          std::fill_n(answers.branch + to + kept, places - kept, static_cast<signed char>(-1));
-          answers.status[i] = status[i];
-        }
-        return out.alone(missed);
+        aside.copy_to(out.answers());
+        return out.alone(aside.missed());
       },
       nb::arg("q"), nb::arg("position_error"), nb::arg("rotation_error"), nb::arg("branch").none(), nb::arg("targets"),
       nb::arg("seeds").none(), nb::arg("rows"), nb::arg("position_tolerance"), nb::arg("rotation_tolerance"),

@@ -51,7 +51,7 @@ struct Arm {
 
 inline std::vector<double> same_limits(std::size_t n, double lower, double upper) {
   std::vector<double> limits;
-  for (std::size_t i = 0; i < n; ++i) limits.insert(limits.end(), {lower, upper});
+  for (std::size_t i = 0; i < n; ++i) limits.push_back(lower), limits.push_back(upper);
   return limits;
 }
 

@@ -123,7 +123,7 @@ class Section:
         return number
 
     def array(self, key: str, shape: tuple[int | None, ...], default: Any = _MISSING) -> NDArray[np.float64]:
-        """Return finite numbers in nested lists of a shape, in which None stands for any length."""
+        """Return finite numbers in nested lists of a shape, such as (None, 3), in which None stands for any length."""
         if key not in self._rows:
             return self._default(key, default)  # type: ignore[no-any-return]
         values = self._nested(key, self._rows[key], len(shape))
@@ -186,7 +186,7 @@ class Section:
     def _list(self, key: str) -> list[Any]:
         node = self._rows[key]
         if node.id != "sequence":
-            raise self.error(key, "must be a list")
+            raise self.error(key, f"must be a list, as in `- first`, got {_shown(node)}")
         return list(node.value)
 
     def _number(self, key: str, node: Any) -> float:
@@ -200,16 +200,16 @@ class Section:
         except OverflowError:
             number = np.inf
         if not np.isfinite(number):
-            raise _error(self._source, node, self._name(key), "must be a finite number")
+            raise _error(self._source, node, self._name(key), f"must be a finite number, got {_shown(node)}")
         return number
 
     def _nested(self, key: str, node: Any, depth: int) -> Any:
         if depth == 0:
             if node.id != "scalar":
-                raise _error(self._source, node, self._name(key), "must be a number here, got a list or a section")
+                raise _error(self._source, node, self._name(key), f"must be a number here, got {_shown(node)}")
             return self._number(key, node)
         if node.id != "sequence":
-            raise _error(self._source, node, self._name(key), "must be a list of numbers")
+            raise _error(self._source, node, self._name(key), f"must be a list of numbers, got {_shown(node)}")
         return [self._nested(key, child, depth - 1) for child in node.value]
 
     def _within(self, key: str, value: float, least: float | None, most: float | None) -> None:
@@ -224,16 +224,23 @@ def _error(source: _Source, where: Any, field: str, reason: str) -> PieperError:
     return source.error(f"{place}: {reason}")
 
 
+def _shown(node: Any) -> str:
+    """What stands there, in words."""
+    if node.id == "scalar":
+        return repr(node.value[:40])
+    return "a list" if node.id == "sequence" else "a section"
+
+
 def _section(source: _Source, field: str, node: Any) -> Section:
     if node.id != "mapping":
-        raise _error(source, node, field, "must be a section of fields, as in `name: value`")
+        raise _error(source, node, field, f"must be a section of fields, as in `name: value`, got {_shown(node)}")
     rows: dict[str, Any] = {}
     for key, value in node.value:
         name = _value(source, field, key)
         if not isinstance(name, str):
             name = str(key.value)  # a number or `no` as a name
         if name in rows:
-            raise _error(source, key, f"{field}.{name}".lstrip("."), "is there twice")
+            raise _error(source, key, f"{field}.{name}".lstrip("."), "is there twice; leave one of them out")
         rows[name] = value
     return Section(source, field, node, rows)
 
@@ -241,7 +248,7 @@ def _section(source: _Source, field: str, node: Any) -> Section:
 def _value(source: _Source, field: str, node: Any) -> Any:
     """What a scalar means."""
     if node.id != "scalar":
-        raise _error(source, node, field, "must be a single value, got a list or a section")
+        raise _error(source, node, field, f"must be a single value, got {_shown(node)}")
     if node.tag not in _TAGS:
         raise _error(source, node, field, f"tags such as {node.tag} are not read; plain values only")
     if node.tag.endswith("timestamp"):
@@ -349,7 +356,7 @@ def _plain(yaml: Any, source: _Source, events: Any) -> None:
             raise _error(source, event, "", "holds a second document; one is read")
 
 
-def write_yaml(path: str | Path, data: Mapping[str, Any], *, comment: str = "") -> None:
+def write_yaml(path: str | Path, data: Mapping[str, Any], *, comment: str = "", extra: str = "perception") -> None:
     """Write a section of fields, whole or not at all.
 
     Parameters
@@ -360,6 +367,8 @@ def write_yaml(path: str | Path, data: Mapping[str, Any], *, comment: str = "") 
         Text, numbers, booleans, None, arrays, and mappings and sequences of those, in the order in which they are to be read.
     comment : str
         Lines for people, written above as comments.
+    extra : str
+        As in `read_yaml`.
 
     Raises
     ------
@@ -367,17 +376,17 @@ def write_yaml(path: str | Path, data: Mapping[str, Any], *, comment: str = "") 
         The file cannot be written; what was there before stays.
     """
     head = "".join(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
-    write_text(path, head + as_yaml(data))
+    write_text(path, head + as_yaml(data, extra=extra))
 
 
-def as_yaml(data: Mapping[str, Any]) -> str:
+def as_yaml(data: Mapping[str, Any], *, extra: str = "perception") -> str:
     """Return the text that `write_yaml` writes.
 
     >>> print(as_yaml({"name": "red", "mean": np.array([0.5, 2.0])}), end="")
     name: red
     mean: [0.5, 2.0]
     """
-    yaml = _yaml()
+    yaml = _yaml(extra)
 
     class Dumper(yaml.SafeDumper):  # type: ignore[misc, name-defined]
         def ignore_aliases(self, data: Any) -> bool:

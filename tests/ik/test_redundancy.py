@@ -401,7 +401,7 @@ def test_bad_input():
         track_branches(solve_redundant(arm, np.stack([T, T])), [])
     iiwa = chain("kuka_iiwa14")
     T = fk(iiwa, [0.1, 0.5, 0.2, -1.2, 0.3, 0.9, 0.4])
-    with pytest.raises(ArrayError, match="values of a joint"):
+    with pytest.raises(ArrayError, match=r"values of one joint.*solve with `samples`, or name a joint"):
         track_branches(solve_redundant(iiwa, T, values={"swivel": [0.123, 0.456]}), [])
 
 

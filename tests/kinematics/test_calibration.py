@@ -335,7 +335,7 @@ P = fk(UR5E, Q)[:, :3, 3]
     [
         (Q[:5], P[:5], {}, "5 positions give 15 numbers for 30 parameters; measure at least 10, better 30, or free less"),
         (Q[:2], fk(UR5E, Q[:2]), {}, "2 poses give 12 numbers for 30 parameters"),
-        (Q[:0], P[:0], {}, "no measurements were given"),
+        (Q[:0], P[:0], {}, "q and measured must hold at least one measurement, better some thirty, got none"),
         (np.tile(Q[0], (20, 1)), P, {}, "all 20 measurements have the same joint values; move the arm"),
         (Q, np.tile(P[0], (20, 1)), {}, "all 20 measurements are the same"),
         (np.where(Q[3, 2] == Q, np.nan, Q), P, {}, "q must be finite, got q[3, 2] = nan (joint 'elbow_joint')"),
@@ -351,7 +351,7 @@ P = fk(UR5E, Q)[:, :3, 3]
         (Q, fk(UR5E, Q), {"position_sigma": 1e-3}, "measured poses need both position_sigma [m] and rotation_sigma [rad]"),
         (Q, P, {"position_sigma": 0.0}, "position_sigma must be above zero, got 0.0"),
         (Q, P, {"position_sigma": np.ones(7)}, "position_sigma must be one number, or have shape (20,) or (20, 3), got (7,)"),
-        (Q, P, {"free": []}, "free must name what may change: screws, home, offsets, base"),
+        (Q, P, {"free": []}, "free must name what may change, some of screws, home, offsets, base, got none"),
     ],
 )  # fmt: skip
 def test_measurements_of_no_use(q, measured, options, complaint):

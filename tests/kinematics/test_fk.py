@@ -241,7 +241,7 @@ def test_bad_joints_are_named(q, message):
         (np.zeros((2, 4, 4)), r"out must be a float64 array of shape \(4, 4\), got float64 array of shape \(2, 4, 4\)"),
         (np.zeros((4, 4), dtype=np.float32), "got float32 array"),
         ([[0.0] * 4] * 4, "got list"),
-        (np.zeros((4, 8))[:, ::2], "C-contiguous"),
+        (np.zeros((4, 8))[:, ::2], r"C-contiguous and writeable; make it with np.empty\(\(4, 4\)\)"),
     ],
 )
 def test_bad_out_is_named(out, message):

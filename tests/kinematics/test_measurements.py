@@ -72,5 +72,5 @@ def test_what_cannot_be_read(tmp_path, text, complaint):
 def test_a_file_that_is_no_text(tmp_path):
     file = tmp_path / "m.csv"
     file.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(DescriptionError, match="is not text in UTF-8"):
+    with pytest.raises(DescriptionError, match="is not text in UTF-8; save it as CSV in that encoding"):
         read_measurements(file, ARM)

@@ -12,7 +12,6 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pieper.errors import PieperWarning, UrdfError
-from pieper.model import urdf
 from pieper.model.chain import Chain
 from pieper.model.description import (
     Box,
@@ -30,6 +29,7 @@ from pieper.model.description import (
     Visual,
 )
 from pieper.model.urdf import as_urdf, from_urdf
+from pieper.spatial._rpy import rotation_from_rpy, rpy_from_rotation
 from tests.model.random_trees import ANGLE, urdf_trees
 from tests.reference.product_of_exponentials import fk
 
@@ -272,8 +272,8 @@ def test_what_is_written_moves_the_same_in_pinocchio(text, seed):
 @example((3.0, -pi / 2 + 1e-16, 2.0))
 @example((pi, pi / 2, pi))
 def test_rotations_survive_roll_pitch_yaw_also_at_the_lock(rpy):
-    R = urdf._rotation_from_rpy(*rpy)
-    again = urdf._rotation_from_rpy(*urdf._rpy_from_rotation(R))
+    R = rotation_from_rpy(*rpy)
+    again = rotation_from_rpy(*rpy_from_rotation(R))
     np.testing.assert_allclose(again, R, rtol=0, atol=TURN)
 
 

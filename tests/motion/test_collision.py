@@ -271,6 +271,14 @@ def test_a_mesh_of_the_world_is_its_surface(tmp_path: Path) -> None:
     broken.write_bytes(b"solid")
     with pytest.raises(WorldError, match=r"mesh 'cube': .*broken.stl (cannot be read|has no finite corners)"):
         CollisionModel(arm, World((replace(item, solid=Mesh("broken.stl", np.ones(3), str(broken))),)))
+    broken.write_bytes(b"no mesh")
+    with pytest.raises(WorldError) as refused:
+        CollisionModel(arm, World((replace(item, solid=Mesh("broken.stl", np.ones(3), str(broken))),)))
+    message = str(refused.value)
+    assert message.startswith(f"mesh 'cube': {broken} cannot be read: ")
+    assert message.endswith("; give an STL, OBJ, PLY or DAE file")
+    assert ".cpp" not in message  # the place in the source of the reader tells nobody anything
+    assert "void" not in message
 
 
 Q = np.array([0.3, -1.2, 1.4, -1.7, -1.57, 0.0])

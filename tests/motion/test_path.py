@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -189,3 +191,11 @@ def test_more_poses_than_memory_holds_are_refused_by_name(how):
     T_goal[0, 3] = 1.0
     with pytest.raises(ArrayError, match="would be more than 1000000 poses; take a step of 1e-06 m or more"):
         paths.line(np.eye(4), T_goal).sample(**how)
+
+
+def test_every_path_goes_to_another_process_and_back():
+    for path in some_paths(3):
+        copy = pickle.loads(pickle.dumps(path))
+        s = np.linspace(0.0, path.length, 9)
+        np.testing.assert_array_equal(copy.at(s), path.at(s))
+        np.testing.assert_array_equal(copy.corners, path.corners)

@@ -368,8 +368,9 @@ def test_E6_the_target_of_the_iteration_is_reached_on_a_straight_line():
 def test_malformed_questions_are_refused():
     chain = robots.chain("ur5e")
     T = fk(chain, HOME)
-    with pytest.raises(ArrayError, match="precision must be above 0"):
-        follow_path(chain, T[None], precision=0.0)
+    for senseless in (0.0, -1e-6, np.nan, 1e-30):
+        with pytest.raises(ArrayError, match=r"precision must be at least 1e-09 m, .* got"):
+            follow_path(chain, T[None], precision=senseless)
     with pytest.raises(ArrayError, match="poses are taken as they are"):
         follow_path(chain, T[None], count=4)
     with pytest.raises(UnknownNameError, match="no target 'point'"):

@@ -447,7 +447,10 @@ def test_axis_angle() -> None:
     assert angle == 0.0
     np.testing.assert_array_equal(rotation.from_axis_angle(axis, angle), np.eye(3))
     assert rotation.from_axis_angle(np.eye(3), np.zeros((4, 1))).shape == (4, 3, 3, 3)
-    with pytest.raises(ArrayError, match="axis must not be zero where the angle is not zero"):
+    with pytest.raises(
+        ArrayError,
+        match=r"axis must not be zero where the angle is not zero; give it a direction, for example \[0, 0, 1\]",
+    ):
         rotation.from_axis_angle([0, 0, 0], 0.1)
     with pytest.raises(ArrayError, match=r"axis and angle must broadcast, got shapes \(2,\) and \(3,\)"):
         rotation.from_axis_angle(np.eye(3)[:2], [1.0, 2.0, 3.0])

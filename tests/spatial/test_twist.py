@@ -10,6 +10,7 @@ import scipy.linalg
 
 from pieper.errors import ArrayError
 from pieper.spatial import pose, rotation, twist
+from pieper.spatial.quaternion import quaternion_from_matrix
 
 ROUNDING = 4e-15  # a handful of double roundings on numbers of size 1 to 3
 MAGNITUDES = (0.0, 1e-300, 1e-160, 1e-12, 1e-8, 1e-4, 0.1, 0.4999, 0.5, 0.5001, 1.0, 3.0)
@@ -173,6 +174,6 @@ def test_twist_needs_numpy_alone() -> None:
 def test_the_quaternion_of_one_matrix_is_that_of_many(angle: float) -> None:
     Rs = twist.exp(twists(3, angle, count=50))[:, :3, :3]
     Rs = np.concatenate([Rs, Rs @ np.diag([1.0, -1.0, -1.0]), Rs @ np.diag([-1.0, 1.0, -1.0]), [np.eye(3)]])
-    many = twist.quaternion_from_matrix(Rs)
-    one = np.array([twist.quaternion_from_matrix(R) for R in Rs])
+    many = quaternion_from_matrix(Rs)
+    one = np.array([quaternion_from_matrix(R) for R in Rs])
     np.testing.assert_array_equal(one, many)

@@ -151,6 +151,12 @@ struct FormReport {
   int rank;  // 0 for the first choice, -1 for those that are not used
 };
 
+// A form with a larger share of hard flags says nothing by them.
+inline constexpr double always_doubtful = 0.2;
+
+class Sequence;      // see src/general_6r/sequence.hpp
+struct SolutionSet;  // see src/general_6r/solution_set.hpp
+
 class General6R {
  public:
   // The chain must have six revolute joints, or five and a prismatic one, without couplings, and must outlive this object.
@@ -168,23 +174,21 @@ class General6R {
 
  private:
   struct Scratch;
-  struct Set;
   void set_frames();
   void set_forms();
   void measure_support();
   void choose_forms();
   void normalise_target(const double* target, double* G) const;
-  template <class Numbers>
-  void draw_joints(Numbers&, double* c, double* s) const;
+  void draw_joints(Sequence&, double* c, double* s) const;
   // The other one of two solutions that have nearly met: looked for to both sides of those next to a singular pose.
   // True when one of them is at a singular pose: it may belong to a curve of solutions.
-  bool add_fold_partners(const double* G, Scratch&, Set&) const;
+  bool add_fold_partners(const double* G, Scratch&, SolutionSet&) const;
   // Adds what a form finds; true when that can be trusted to be all.
-  bool run_form(int form, const double* G, Scratch&, Set&, unsigned& flags) const;
+  bool run_form(int form, const double* G, Scratch&, SolutionSet&, unsigned& flags) const;
   void solve_one(const double* target, GeneralMode, int only_form, Scratch&, const GeneralResults&,
                  std::size_t k) const;
-  void last_resort(const double* G, Scratch&, Set&) const;
-  void write(const double* target, const Set&, const GeneralResults&, std::size_t k) const;
+  void last_resort(const double* G, Scratch&, SolutionSet&) const;
+  void write(const double* target, const SolutionSet&, const GeneralResults&, std::size_t k) const;
 
   const Chain& chain_;
   GeneralArm arm_;

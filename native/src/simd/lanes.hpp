@@ -3,6 +3,7 @@
 #pragma once
 
 #include <bit>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
@@ -100,6 +101,23 @@ inline Vec multiply_add(Vec a, Vec b, Vec c) {
 
 // |value|, by clearing the sign bit
 inline Vec magnitude(Vec value) { return from_bits(bits(value) & INT64_MAX); }
+
+inline Vec square_root(Vec value) {
+#if PIEPER_LANES == 8
+  return reinterpret_cast<Vec>(_mm512_maskz_sqrt_pd(0xff, reinterpret_cast<__m512d>(value)));
+#elif PIEPER_LANES == 4
+  return reinterpret_cast<Vec>(_mm256_sqrt_pd(reinterpret_cast<__m256d>(value)));
+#elif PIEPER_LANES > 1
+  Vec root;
+  for (std::size_t l = 0; l < lanes; ++l) root[l] = __builtin_sqrt(value[l]);
+  return root;
+#else
+  return std::sqrt(value);
+#endif
+}
+
+inline Vec larger(Vec a, Vec b) { return select(a > b, a, b); }
+inline Vec smaller(Vec a, Vec b) { return select(a < b, a, b); }
 
 // Transposes a square block: afterwards rows[i] holds what lane i held.
 #if PIEPER_LANES == 8

@@ -10,19 +10,6 @@ using pieper::RotationTarget;
 using pieper::SearchSpace;
 using pieper::TargetRows;
 
-inline Vec square_root(Vec value) {
-#if PIEPER_LANES > 1
-  Vec root;
-  for (std::size_t l = 0; l < lanes; ++l) root[l] = __builtin_sqrt(value[l]);
-  return root;
-#else
-  return std::sqrt(value);
-#endif
-}
-
-inline Vec larger(Vec a, Vec b) { return select(a > b, a, b); }
-inline Vec smaller(Vec a, Vec b) { return select(a < b, a, b); }
-
 // The target in the form that the lanes use.
 struct Goal {
   double R[9], p[3];

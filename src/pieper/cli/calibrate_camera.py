@@ -54,8 +54,8 @@ def calibrate_camera(
       pieper calibrate-camera pictures --out camera.yaml
     """
     from pieper.perception.board import Board
+    from pieper.perception.board_views import find_views
     from pieper.perception.calibration import calibrate_camera as calibrate
-    from pieper.perception.calibration import find_views
     from pieper.perception.calibration_picture import camera_picture, save_picture
 
     shown = Board.parse(board)

@@ -75,9 +75,9 @@ def calibrate_field(
     For example:
       pieper calibrate-field field.png --camera camera.yaml --lines vsss
     """
-    from pieper.perception.calibration import read_view
     from pieper.perception.calibration_file import load_camera
     from pieper.perception.calibration_picture import save_picture
+    from pieper.perception.image_file import read_view
 
     if lines is not None and tags is not None:
         raise VisionError("--lines and --tags both say how to find the field; give one of them")

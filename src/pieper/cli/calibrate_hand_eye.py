@@ -82,9 +82,10 @@ def _calibrated(
     captures: Captures, camera_on: CameraOn, camera: Path | None, board: str
 ) -> tuple[HandEyeCalibration, list[int]]:
     from pieper.perception.board import Board
-    from pieper.perception.calibration import BoardView, read_image
+    from pieper.perception.board_views import BoardView
     from pieper.perception.calibration_file import load_camera
     from pieper.perception.hand_eye import calibrate_hand_eye, calibrate_hand_eye_from_views
+    from pieper.perception.image_file import read_image
 
     if captures.Ts_camera_target is not None:
         found = calibrate_hand_eye(

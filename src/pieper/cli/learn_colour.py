@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from pieper.perception.color_learning import Learned, Region
+    from pieper.perception.color_learning import Learned
+    from pieper.perception.color_regions import Region
 
 
 def learn_colour(
@@ -86,7 +87,8 @@ def learn_colour(
     For example:
       pieper learn-colour clean/video.mp4 --rois clean/regions.yaml
     """
-    from pieper.perception.color_learning import learn, read_regions, regions_as_data
+    from pieper.perception.color_learning import learn
+    from pieper.perception.color_regions import read_regions, regions_as_data
     from pieper.perception.opencv import quiet
     from pieper.perception.source import probe, read_frames
     from pieper.yaml_file import write_yaml
@@ -134,7 +136,7 @@ def learn_colour(
 
 def _named(words: list[str]) -> tuple[list[str], dict[str, tuple[int, int, int]]]:
     """The colours of the command line in their order, and how they are drawn where that was said."""
-    from pieper.perception.color import draw_color
+    from pieper.perception.drawn_color import draw_color
 
     names: list[str] = []
     draw = {}
@@ -152,7 +154,7 @@ def _typed(words: list[str], names: list[str], captures: int | None) -> list[Reg
     """Regions of the command line; those without a name go to the colours in their order."""
     from dataclasses import replace
 
-    from pieper.perception.color_learning import parse_region
+    from pieper.perception.color_regions import parse_region
 
     regions = [parse_region(word, "") for word in words]
     bare = [i for i, region in enumerate(regions) if not region.color]

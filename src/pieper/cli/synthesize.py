@@ -67,7 +67,7 @@ def synthesize(
       pieper synthesize clean --count 30
     """
     from pieper.perception import scene_folder
-    from pieper.perception.scene import PRESETS, preset
+    from pieper.perception.scene_presets import PRESETS, preset
 
     if show or scene is None:
         if scene is None and not show:
@@ -93,7 +93,7 @@ def synthesize(
 
 
 def _list(as_json: bool) -> None:
-    from pieper.perception.scene import PRESETS, preset
+    from pieper.perception.scene_presets import PRESETS, preset
 
     rows: list[dict[str, Any]] = []
     for name in PRESETS:

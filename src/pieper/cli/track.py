@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from pieper.perception.field_view import View
     from pieper.perception.follow import Follows, Found, Resumed, Summary
     from pieper.perception.frame import Frame
-    from pieper.perception.output import TrackWriter, VideoFile
+    from pieper.perception.output import TrackWriter
     from pieper.perception.source import Source
+    from pieper.perception.video_file import VideoFile
 
 METHODS = ("pieper", "report")
 _INTERRUPTED = 130
@@ -185,7 +186,8 @@ def track(
 
 
 def _check_files(out: Path | None, video: Path | None, resume: bool, warm_up: float) -> None:
-    from pieper.perception.output import table_path, video_path
+    from pieper.perception.output import table_path
+    from pieper.perception.video_file import video_path
 
     if resume and out is None:
         raise VisionError("--resume goes on with a table; name it by --out")
@@ -279,8 +281,8 @@ def _continued(
 
 def _film(stack: ExitStack, video: Path | None, frames: Source, resumed: Resumed | None) -> VideoFile | None:
     """The annotated video; one that goes on has the number of its first frame in its name, beside the one before."""
-    from pieper.perception.output import VideoFile
     from pieper.perception.reader import FPS
+    from pieper.perception.video_file import VideoFile
 
     if video is None:
         return None

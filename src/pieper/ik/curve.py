@@ -160,7 +160,7 @@ class Equations:
         return largest
 
     def correct(self, q: FloatArray, iterations: int = 12) -> tuple[FloatArray, FloatArray, float, bool]:
-        """The point of the curve near `q`, its tangent, the least singular value that should not vanish, and whether
+        """The point of the curve near `q` (n,), its tangent (n,), the least singular value that should not vanish, and whether
         the residual was met.
         """
         before = np.inf
@@ -300,7 +300,7 @@ class SolutionCurve:
         """
         places = np.asarray(s, dtype=float)
         if not np.isfinite(places).all():
-            raise ArrayError("s must be finite")
+            raise ArrayError(f"s must be finite, got {places[~np.isfinite(places)].flat[0]}")
         if not self.closed and places.size and not (places.min() >= 0.0 and places.max() <= self.length):
             raise ArrayError(
                 f"s must be from 0 to {self.length:.6g}, the ends of this curve, got {places.min():.6g} to {places.max():.6g}"
@@ -320,6 +320,11 @@ class SolutionCurve:
         Returns
         -------
         NearestPoint
+
+        Raises
+        ------
+        ArrayError
+            `q` has another shape.
         """
         wanted = as_joints(self.chain, q)
         if wanted.ndim != 1:
@@ -349,7 +354,7 @@ class SolutionCurve:
         return np.asarray(self.place(q, tolerance=tolerance) >= 0.0)
 
     def place(self, q: ArrayLike, *, tolerance: float = 1e-6) -> FloatArray:
-        """Places along the curve of some solutions; NaN for those that are elsewhere. Arguments as for `contains`."""
+        """Places (...) along the curve of some solutions (..., n); NaN for those that are elsewhere. Arguments as for `contains`."""
         values = as_joints(self.chain, q)
         points = values.reshape(-1, self.chain.dof)
         places = np.full(len(points), np.nan)

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from pieper._native import kernels
+from pieper.errors import ArrayError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -142,9 +143,17 @@ class Family:
 
     @cached_property
     def native(self) -> kernels.ClosedForm:
-        """The constants that the compiled solver takes; made once."""
+        """The constants that the compiled solver takes; made once.
+
+        Raises
+        ------
+        ArrayError
+            The arm has no closed form.
+        """
         if self.screws is None or self.home is None:
-            raise ValueError(f"no closed form: {self.reason}")
+            raise ArrayError(
+                f"the arm has no closed form: {self.reason}; use pieper.ik.solve.solve, which takes another method"
+            )
         kind = getattr(
             kernels.ClosedFormFamily, _NATIVE[self.name] + ("_skew" if self.quartic and not self.first_three else "")
         )

@@ -136,6 +136,16 @@ class Redundancy:
         count : int
         limited : bool
             False for a whole turn, whatever the limits of the joint.
+
+        Returns
+        -------
+        (count,) array
+            [rad or m].
+
+        Raises
+        ------
+        ArrayError
+            The joint slides without limits.
         """
         lower, upper = self.chain.limits[self.joint]
         if self.chain.is_revolute[self.joint] and (not limited or not upper - lower < _TURN):
@@ -494,7 +504,9 @@ def track_branches(solutions: RedundantSolutions, curves: list[SolutionCurve]) -
         return branch
     held = np.flatnonzero((solutions.q[left] == solutions.value[left, None]).all(axis=0))
     if not len(held):
-        raise ArrayError("branches are followed along values of a joint, and these solutions are those of other values")
+        raise ArrayError(
+            "branches are followed along values of one joint, and these solutions are not; solve with `samples`, or name a joint"
+        )
     gap = 1.001 * float(np.diff(np.unique(solutions.value)).max(initial=0.0))
     count = 0
     for curve in curves:

@@ -131,6 +131,11 @@ class Calibration:
             Joint values [rad or m].
         measured : (k, 3) or (k, 4, 4) array
             Positions or poses of the tip [m].
+
+        Returns
+        -------
+        Check
+            The errors before and after, in metres and radians.
         """
         values, T_measured, positions_only = _measurements(self.nominal, q, measured)
         T, moves = self._model.jacobian(values)
@@ -151,6 +156,16 @@ class Calibration:
             What can be measured. Default: random joint values within the limits, which may touch something.
         seed : int
             Of the random candidates.
+
+        Returns
+        -------
+        (count, n) array
+            Joint values [rad or m], the one that tells most first.
+
+        Raises
+        ------
+        ArrayError
+            More are wanted than there are candidates, or none; candidates of another shape.
         """
         if candidates is None:
             lower, upper = self.nominal.limits.T
@@ -282,7 +297,7 @@ def _free_sets(free: Iterable[str]) -> tuple[str, ...]:
         if name not in SETS:
             raise unknown_name("set of parameters", str(name), SETS)
     if not names:
-        raise ArrayError(f"free must name what may change: {', '.join(SETS)}")
+        raise ArrayError(f"free must name what may change, some of {', '.join(SETS)}, got none")
     return tuple(name for name in SETS if name in names)
 
 
@@ -329,7 +344,7 @@ def _weights(
 
 def _refuse_useless(chain: Chain, q: FloatArray, T: FloatArray, positions_only: bool) -> None:
     if not len(q):
-        raise ArrayError("no measurements were given")
+        raise ArrayError("q and measured must hold at least one measurement, better some thirty, got none")
     if len(q) > 1 and (q == q[0]).all():
         raise ArrayError(f"all {len(q)} measurements have the same joint values; move the arm between them")
     p = T[:, :3, 3]

@@ -44,6 +44,11 @@ def as_joints(chain: Chain, q: ArrayLike, *, name: str = "q") -> NDArray[np.floa
             f"{name} must be an array of shape (..., {chain.dof}), got rows of different lengths"
         ) from cause
     if array.dtype.kind not in "fiu":
+        if array.shape == () and not isinstance(q, (str, np.ndarray)):
+            raise ArrayError(
+                f"{name} must be real numbers, got {type(q).__name__}; give an array of shape (..., {chain.dof}) "
+                f"in the order of the joints: {', '.join(chain.joint_names)}"
+            )
         raise ArrayError(f"{name} must be real numbers, got dtype {array.dtype}")
     if array.ndim == 0 or array.shape[-1] != chain.dof:
         raise ArrayError(
@@ -67,7 +72,7 @@ def as_out(out: object, shape: tuple[int, ...]) -> NDArray[np.float64]:
         got = f"{out.dtype} array of shape {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
         raise ArrayError(f"out must be a float64 array of shape {shape}, got {got}")
     if not (out.flags.c_contiguous and out.flags.writeable):
-        raise ArrayError("out must be C-contiguous and writeable")
+        raise ArrayError(f"out must be C-contiguous and writeable; make it with np.empty({shape})")
     return out
 
 

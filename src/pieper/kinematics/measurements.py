@@ -53,7 +53,7 @@ def read_measurements(path: str | Path, chain: Chain) -> tuple[FloatArray, Float
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as cause:
-        raise DescriptionError(str(path), "file", "is not text in UTF-8") from cause
+        raise DescriptionError(str(path), "file", "is not text in UTF-8; save it as CSV in that encoding") from cause
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
     if not lines:
         raise DescriptionError(str(path), "file", "is empty; its first line must name the columns")
@@ -90,7 +90,18 @@ def read_measurements(path: str | Path, chain: Chain) -> tuple[FloatArray, Float
 
 
 def write_measurements(path: str | Path, chain: Chain, q: FloatArray, measured: FloatArray | None = None) -> None:
-    """Write joint values, (k, n), and what was measured, (k, 3) or (k, 4, 4); without it the columns stay empty, to be filled in.
+    """Write joint values and what was measured; without it the columns stay empty, to be filled in.
+
+    Parameters
+    ----------
+    path : path
+        Is written as CSV.
+    chain : Chain
+        Whose joint names head the columns.
+    q : (k, n) array
+        Joint values [rad or m].
+    measured : (k, 3) or (k, 4, 4) array, optional
+        Positions or poses of the tip [m, -].
 
     Raises
     ------

@@ -113,10 +113,17 @@ def _mesh(path: str, scale: tuple[float, float, float], hull: bool, name: str) -
         model = coal.MeshLoader().load(path, np.array(scale))
         vertices = np.array(model.vertices(), dtype=np.float64).reshape(-1, 3)
     except Exception as cause:  # noqa: BLE001  whatever the reader of meshes throws
-        raise WorldError(f"mesh {name!r}: {path} cannot be read: {' '.join(str(cause).split())}") from None
+        reason = _reason(cause, path)
+        raise WorldError(f"mesh {name!r}: {path} cannot be read: {reason}; give an STL, OBJ, PLY or DAE file") from None
     if len(vertices) == 0 or not np.isfinite(vertices).all():
         raise WorldError(f"mesh {name!r}: {path} has no finite corners")
     return _hull(coal, vertices, path, name) if hull else model
+
+
+def _reason(cause: Exception, path: str) -> str:
+    """What the reader says of the file, without the place in its own source and without the name again."""
+    said = " ".join(str(cause).split()).rpartition("message: ")[2].partition(" Hint: ")[0]
+    return said.removeprefix(f"Could not load resource {path}").strip().rstrip(".") or "it holds no mesh"
 
 
 def _hull(coal: Any, vertices: FloatArray, path: str, name: str) -> Any:

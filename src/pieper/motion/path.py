@@ -16,16 +16,28 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from pieper.errors import ArrayError, MotionError, unknown_name
+from pieper.motion._path_pieces import (
+    Arc,
+    Measured,
+    Part,
+    Piece,
+    Rounding,
+    Spline,
+    Straight,
+    slope_at_end,
+    slope_at_start,
+    turn_between,
+)
 from pieper.spatial import rotation
 from pieper.spatial._checks import FloatArray, poses, rotations, stack
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import ArrayLike
 
@@ -38,29 +50,8 @@ SAME_POSITION, SAME_ROTATION = 1e-9, 1e-9
 MOST_POSES = 1_000_000
 """More than these are not sampled from a path."""
 
-HALF_TURN = 1e-6
-"""Nearer to half a turn than this [rad] the shortest way between two orientations is not defined by them."""
-
 _SMOOTH = (1e-6, 1e-3)
 """Jumps of direction [-] and of curvature [1/m] up to this, of what they are themselves where that is more, are rounding."""
-
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-_CELLS = 32  # cells of the table of lengths for each piece of a curve
-
-
-class _Piece(Protocol):
-    """A smooth curve of poses by its length; what is asked of it lies in 0 <= s <= length."""
-
-    @property
-    def length(self) -> float: ...
-
-    def poses(self, s: FloatArray) -> FloatArray:
-        """(k,) -> (k, 4, 4)."""
-        ...
-
-    def twists(self, s: FloatArray) -> FloatArray:
-        """Motion by length, (k,) -> (k, 6): linear part first, base axes."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +66,7 @@ class CartesianPath:
         What a radian counts in the length [m/rad].
     """
 
-    pieces: tuple[_Piece, ...]
+    pieces: tuple[Piece, ...]
     radius: float = METRES_PER_RADIAN
 
     @property
@@ -90,10 +81,10 @@ class CartesianPath:
 
     @property
     def corners(self) -> FloatArray:
-        """Lengths inside the path at which direction or curvature jump [m]: a move with bounded jerk comes to rest there."""
+        """Lengths inside the path at which direction or curvature jump, (k,) [m]: a move with bounded jerk comes to rest there."""
         bounds, found = self.bounds, []
         for k in range(1, len(self.pieces)):
-            ends = zip(_SMOOTH, _end(self.pieces[k - 1]), _beginning(self.pieces[k]), strict=True)
+            ends = zip(_SMOOTH, slope_at_end(self.pieces[k - 1]), slope_at_start(self.pieces[k]), strict=True)
             if any(np.abs(a - b).max() > rounding * max(1.0, np.abs(a).max()) for rounding, a, b in ends):
                 found.append(bounds[k])
         return np.array(found)
@@ -202,6 +193,11 @@ def line(T_start: ArrayLike, T_goal: ArrayLike, *, radius: float = METRES_PER_RA
     radius : float
         What a radian counts in the length [m/rad].
 
+    Returns
+    -------
+    CartesianPath
+        Poses by length along the path [m].
+
     Raises
     ------
     ArrayError
@@ -218,7 +214,7 @@ def line(T_start: ArrayLike, T_goal: ArrayLike, *, radius: float = METRES_PER_RA
     array([0.15, 0.  , 0.2 ])
     """
     start, goal = _pose(T_start, "T_start"), _pose(T_goal, "T_goal")
-    return CartesianPath((_Straight.between(start, goal, _radius(radius), "T_start and T_goal"),), radius)
+    return CartesianPath((Straight.between(start, goal, _radius(radius), "T_start and T_goal"),), radius)
 
 
 def arc_through(
@@ -235,10 +231,17 @@ def arc_through(
     radius : float
         What a radian counts in the length [m/rad]. Not that of the circle.
 
+    Returns
+    -------
+    CartesianPath
+        Poses by length along the path [m].
+
     Raises
     ------
     MotionError
         Three points on a line or two that are the same, which are on no circle; orientations half a turn apart.
+    ArrayError
+        No poses or no point, or a radius that is not above 0.
 
     Examples
     --------
@@ -267,8 +270,8 @@ def arc_through(
     out = start[:3, 3] - centre
     side = np.cross(axis, out)
     angle = float(np.arctan2((goal[:3, 3] - centre) @ side, (goal[:3, 3] - centre) @ out)) % (2.0 * np.pi)
-    turn = _turn(start, goal, "T_start and T_goal")
-    return CartesianPath((_Arc(start, centre, axis, angle, turn, _radius(radius)),), radius)
+    turn = turn_between(start, goal, "T_start and T_goal")
+    return CartesianPath((Arc(start, centre, axis, angle, turn, _radius(radius)),), radius)
 
 
 def arc_about(
@@ -297,6 +300,18 @@ def arc_about(
     radius : float
         What a radian counts in the length [m/rad].
 
+    Returns
+    -------
+    CartesianPath
+        Poses by length along the path [m].
+
+    Raises
+    ------
+    ArrayError
+        No pose, a centre or an axis of another shape, an axis of length 0, an angle or a radius that is none.
+    UnknownNameError
+        Another orientation than these two.
+
     Examples
     --------
     >>> circle = arc_about(np.eye(4), [0.0, 0.5, 0.0], [0, 0, 1], 2 * np.pi, orientation="fixed")
@@ -318,117 +333,7 @@ def arc_about(
         unit, turned = -unit, -turned
     on_axis = middle + unit * float(unit @ (start[:3, 3] - middle))
     turn = unit * turned if orientation == "carried" else np.zeros(3)
-    return CartesianPath((_Arc(start, on_axis, unit, turned, turn, _radius(radius)),), radius)
-
-
-@dataclass(frozen=True, eq=False)
-class _Straight:
-    """Position on a line, rotation about one axis, both at an even rate."""
-
-    T: FloatArray
-    step: FloatArray  # (3,) whole way of the tip [m]
-    turn: FloatArray  # (3,) whole rotation vector, base axes [rad]
-    radius: float
-
-    @classmethod
-    def between(cls, start: FloatArray, goal: FloatArray, radius: float, names: str) -> _Straight:
-        return cls(start, goal[:3, 3] - start[:3, 3], _turn(start, goal, names), radius)
-
-    @property
-    def length(self) -> float:
-        return float(np.hypot(np.linalg.norm(self.step), self.radius * np.linalg.norm(self.turn)))
-
-    def poses(self, s: FloatArray) -> FloatArray:
-        share = s / self.length if self.length else np.zeros_like(s)
-        return _turned(self.T, self.T[:3, 3] + share[:, None] * self.step, share[:, None] * self.turn)
-
-    def twists(self, s: FloatArray) -> FloatArray:
-        return np.tile(np.concatenate([self.step, self.turn]) / (self.length or 1.0), (len(s), 1))
-
-
-@dataclass(frozen=True, eq=False)
-class _Arc:
-    """Position on a circle, rotation about one axis, both at an even rate."""
-
-    T: FloatArray
-    centre: FloatArray
-    axis: FloatArray
-    angle: float
-    turn: FloatArray
-    radius: float
-
-    @property
-    def length(self) -> float:
-        arc = self.angle * float(np.linalg.norm(self.T[:3, 3] - self.centre))
-        return float(np.hypot(arc, self.radius * np.linalg.norm(self.turn)))
-
-    def poses(self, s: FloatArray) -> FloatArray:
-        share = s / self.length if self.length else np.zeros_like(s)
-        out = self.T[:3, 3] - self.centre
-        side = np.cross(self.axis, out)
-        along = share[:, None] * self.angle
-        p = self.centre + np.cos(along) * out + np.sin(along) * side
-        p[s == 0.0] = self.T[:3, 3]
-        return _turned(self.T, p, share[:, None] * self.turn)
-
-    def twists(self, s: FloatArray) -> FloatArray:
-        rate = self.angle / (self.length or 1.0)
-        out = self.T[:3, 3] - self.centre
-        side = np.cross(self.axis, out)
-        along = (rate * s)[:, None]
-        linear = rate * (np.cos(along) * side - np.sin(along) * out)
-        return np.concatenate([linear, np.tile(self.turn / (self.length or 1.0), (len(s), 1))], axis=1)
-
-
-# ---------------------------------------------------------------------------------------------------------------------
-# curves whose length is measured
-
-
-@dataclass(frozen=True, eq=False)
-class _Measured:
-    """A curve by another parameter u, with a table of lengths.
-
-    The length of each cell by Gauss and Legendre with 8 points; u of a length by the table and two steps of Newton.
-    """
-
-    curve: Callable[[FloatArray], tuple[FloatArray, FloatArray]]  # u -> poses (k, 4, 4), twists by u (k, 6)
-    knots: FloatArray  # (c + 1,) values of u
-    lengths: FloatArray  # (c + 1,) length up to each [m]
-    radius: float
-
-    @classmethod
-    def of(
-        cls, curve: Callable[[FloatArray], tuple[FloatArray, FloatArray]], edges: FloatArray, radius: float
-    ) -> _Measured:
-        knots = np.unique(np.concatenate([np.linspace(a, b, _CELLS + 1) for a, b in itertools.pairwise(edges)]))
-        half = np.diff(knots) / 2.0
-        u = (knots[:-1] + half)[:, None] + half[:, None] * _NODES
-        speed = _speed(curve(u.ravel())[1], radius).reshape(u.shape)
-        return cls(curve, knots, np.concatenate([[0.0], np.cumsum(half * (speed @ _WEIGHTS))]), radius)
-
-    @property
-    def length(self) -> float:
-        return float(self.lengths[-1])
-
-    def _parameter(self, s: FloatArray) -> FloatArray:
-        cell = np.clip(np.searchsorted(self.lengths, s, side="right") - 1, 0, len(self.knots) - 2)
-        low, width = self.knots[cell], np.diff(self.knots)[cell]
-        wanted = s - self.lengths[cell]
-        u = low + width * wanted / np.maximum(np.diff(self.lengths)[cell], 1e-300)
-        for _ in range(2):
-            half = (u - low) / 2.0
-            points = low[:, None] + half[:, None] * (1.0 + _NODES)
-            speeds = _speed(self.curve(np.append(points.ravel(), u))[1], self.radius)
-            there = half * (speeds[: points.size].reshape(points.shape) @ _WEIGHTS)
-            u = np.clip(u - (there - wanted) / np.maximum(speeds[points.size :], 1e-12), low, low + width)
-        return u
-
-    def poses(self, s: FloatArray) -> FloatArray:
-        return self.curve(self._parameter(s))[0]
-
-    def twists(self, s: FloatArray) -> FloatArray:
-        by_parameter = self.curve(self._parameter(s))[1]
-        return np.asarray(by_parameter / _speed(by_parameter, self.radius)[:, None])
+    return CartesianPath((Arc(start, on_axis, unit, turned, turn, _radius(radius)),), radius)
 
 
 def spline(Ts_base_tcp: ArrayLike, *, radius: float = METRES_PER_RADIAN) -> CartesianPath:
@@ -444,10 +349,17 @@ def spline(Ts_base_tcp: ArrayLike, *, radius: float = METRES_PER_RADIAN) -> Cart
     radius : float
         What a radian counts in the length [m/rad].
 
+    Returns
+    -------
+    CartesianPath
+        Poses by length along the path [m].
+
     Raises
     ------
     MotionError
         A pose that is the one before it again, or orientations half a turn apart; the message tells which.
+    ArrayError
+        No poses, fewer than two, or a radius that is not above 0.
 
     References
     ----------
@@ -465,26 +377,17 @@ def spline(Ts_base_tcp: ArrayLike, *, radius: float = METRES_PER_RADIAN) -> Cart
     _radius(radius)
     gaps = []
     for k in range(len(Ts) - 1):
-        piece = _Straight.between(Ts[k], Ts[k + 1], radius, f"poses {k} and {k + 1}")
+        piece = Straight.between(Ts[k], Ts[k + 1], radius, f"poses {k} and {k + 1}")
         if np.linalg.norm(piece.step) <= SAME_POSITION and np.linalg.norm(piece.turn) <= SAME_ROTATION:
             raise MotionError(f"poses {k} and {k + 1} of the spline are the same; leave one of them out")
         gaps.append(piece.length)
     knots = np.concatenate([[0.0], np.cumsum(gaps)])
-    position = CubicSpline(knots, Ts[:, :3, 3], bc_type="natural")
-    turns = RotationSpline(knots, Rotation.from_matrix(Ts[:, :3, :3]))
-
-    def curve(u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        inside = np.clip(u, knots[0], knots[-1])
-        T = np.zeros((len(u), 4, 4))
-        T[:, 3, 3] = 1.0
-        T[:, :3, 3] = position(inside)
-        turned = turns(inside)
-        T[:, :3, :3] = turned.as_matrix()
-        # RotationSpline gives angular velocities in carried axes
-        spin = turned.apply(turns(inside, 1))
-        return T, np.concatenate([position(inside, 1), spin], axis=1)
-
-    return CartesianPath((_Measured.of(curve, knots, radius),), radius)
+    curve = Spline(
+        knots,
+        CubicSpline(knots, Ts[:, :3, 3], bc_type="natural"),
+        RotationSpline(knots, Rotation.from_matrix(Ts[:, :3, :3])),
+    )
+    return CartesianPath((Measured.of(curve, knots, radius),), radius)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -509,6 +412,11 @@ def join(paths: Sequence[CartesianPath], *, blend: float = 0.0) -> CartesianPath
     blend : float
         Length that a rounding takes of each side [m]; 0 keeps corners, at which a move comes to rest.
 
+    Returns
+    -------
+    CartesianPath
+        Poses by length along the path [m].
+
     Raises
     ------
     ArrayError
@@ -518,7 +426,7 @@ def join(paths: Sequence[CartesianPath], *, blend: float = 0.0) -> CartesianPath
     """
     given = tuple(paths)
     if not given:
-        raise ArrayError("join needs at least one path")
+        raise ArrayError("join needs at least one path, got none")
     if not (np.isfinite(blend) and blend >= 0.0):
         raise ArrayError(f"blend must be 0 or more [m], got {blend!r}")
     radius = given[0].radius
@@ -540,106 +448,22 @@ def join(paths: Sequence[CartesianPath], *, blend: float = 0.0) -> CartesianPath
     return joined if blend == 0.0 else CartesianPath(_rounded(joined, blend), radius)
 
 
-def _rounded(path: CartesianPath, blend: float) -> tuple[_Piece, ...]:
+def _rounded(path: CartesianPath, blend: float) -> tuple[Piece, ...]:
     pieces, bounds, corners = path.pieces, path.bounds, path.corners
     sharp = [bool(np.isclose(bounds[k + 1], corners, rtol=0.0, atol=1e-12).any()) for k in range(len(pieces) - 1)]
     reach = [
         min(blend, 0.5 * pieces[k].length, 0.5 * pieces[k + 1].length) if sharp[k] else 0.0
         for k in range(len(pieces) - 1)
     ]
-    made: list[_Piece] = []
+    made: list[Piece] = []
     for k, piece in enumerate(pieces):
         low = reach[k - 1] if k else 0.0
         high = piece.length - (reach[k] if k < len(reach) else 0.0)
         if high - low > 1e-9:
-            made.append(piece if low == 0.0 and high == piece.length else _Part(piece, low, high - low))
+            made.append(piece if low == 0.0 and high == piece.length else Part(piece, low, high - low))
         if k < len(reach) and reach[k] > 0.0:
-            made.append(_Measured.of(_mix(piece, pieces[k + 1], reach[k]), np.array([0.0, 1.0]), path.radius))
+            made.append(Measured.of(Rounding(piece, pieces[k + 1], reach[k]), np.array([0.0, 1.0]), path.radius))
     return tuple(made)
-
-
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """What is left of a piece between roundings."""
-
-    whole: _Piece
-    first: float
-    length: float
-
-    def poses(self, s: FloatArray) -> FloatArray:
-        return self.whole.poses(np.clip(self.first + s, 0.0, self.whole.length))
-
-    def twists(self, s: FloatArray) -> FloatArray:
-        return self.whole.twists(np.clip(self.first + s, 0.0, self.whole.length))
-
-
-def _mix(before: _Piece, after: _Piece, reach: float) -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:
-    """The rounding between two pieces, over 0 <= u <= 1."""
-    corner = after.poses(np.zeros(1))[0]
-
-    def curve(u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        S = u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
-        way = 2.0 * u**4 * (2.5 - 3.0 * u + u * u)  # the integral of 2 S
-        one, other = before.length - reach + reach * (2.0 * u - way), reach * way
-        A, B = before.poses(np.clip(one, 0.0, before.length)), after.poses(np.clip(other, 0.0, after.length))
-        turned = A[:, :3, :3] @ corner[:3, :3].T
-        T = A.copy()
-        T[:, :3, 3] += B[:, :3, 3] - corner[:3, 3]
-        T[:, :3, :3] = _clean(turned @ B[:, :3, :3])
-        first, second = before.twists(one), after.twists(other)
-        second[:, 3:] = (turned @ second[:, 3:, None])[..., 0]
-        return T, 2.0 * reach * ((1.0 - S)[:, None] * first + S[:, None] * second)
-
-    return curve
-
-
-def _end(piece: _Piece) -> tuple[FloatArray, FloatArray]:
-    """Direction and curvature at the end of a piece: its twist, and the derivative of that by length."""
-    return _slope(piece, piece.length, -1.0)
-
-
-def _beginning(piece: _Piece) -> tuple[FloatArray, FloatArray]:
-    return _slope(piece, 0.0, 1.0)
-
-
-def _slope(piece: _Piece, s: float, inward: float) -> tuple[FloatArray, FloatArray]:
-    h = inward * 1e-4 * piece.length
-    twists = piece.twists(s + h * np.arange(3.0))
-    # of second order: Fornberg 1988, Generation of finite difference formulas, Mathematics of Computation 51, table 3
-    return twists[0], np.asarray((-1.5 * twists[0] + 2.0 * twists[1] - 0.5 * twists[2]) / h)
-
-
-# ---------------------------------------------------------------------------------------------------------------------
-
-
-def _turned(T: FloatArray, p: FloatArray, turn: FloatArray) -> FloatArray:
-    """(k, 4, 4): the orientation of T turned by rotation vectors (k, 3) in base axes, at positions (k, 3)."""
-    made = np.zeros((len(p), 4, 4))
-    made[:, 3, 3] = 1.0
-    made[:, :3, 3] = p
-    made[:, :3, :3] = rotation.from_rotation_vector(turn) @ T[:3, :3]
-    return made
-
-
-def _clean(R: FloatArray) -> FloatArray:
-    """Products of rotations, whose rounding is taken away: one step of Newton towards the nearest rotation."""
-    return np.asarray(1.5 * R - 0.5 * R @ np.swapaxes(R, -1, -2) @ R)
-
-
-def _turn(start: FloatArray, goal: FloatArray, names: str) -> FloatArray:
-    """(3,) rotation vector in base axes from one orientation to the other, or an error where it is half a turn."""
-    turn = rotation.as_rotation_vector(_clean(goal[:3, :3] @ start[:3, :3].T))
-    angle = float(np.linalg.norm(turn))
-    if angle > np.pi - HALF_TURN:
-        raise MotionError(
-            f"the orientations of {names} are half a turn apart ({angle:.9g} rad), and both ways round are equally short; "
-            "put a pose between them"
-        )
-    return turn
-
-
-def _speed(twists: FloatArray, radius: float) -> FloatArray:
-    return np.asarray(np.sqrt((twists[:, :3] ** 2).sum(axis=1) + radius**2 * (twists[:, 3:] ** 2).sum(axis=1)))
 
 
 def _radius(radius: float) -> float:

@@ -51,6 +51,9 @@ LARGEST_STEP, SMALLEST_BOUND, FULL_STEP = 0.5, 0.1, 0.02
 PRECISION = 1e-6
 """How exactly the place of a break is found unless something else is said [m of path length]."""
 
+FINEST_PRECISION = 1e-9
+"""No break is placed more exactly [m of path length]: beyond that rounding decides."""
+
 _TURN = 2.0 * np.pi
 _MOST_POSES = 20_000  # that may be added where steps have to be smaller
 _STARTS = 16  # that are tried where the first pose leaves a choice
@@ -64,7 +67,7 @@ _SINGULAR = (
 
 
 def jump_bound(distance: ArrayLike) -> FloatArray:
-    """How far a joint may move between poses that are `distance` [m] of path length apart [rad or m].
+    """How far a joint may move between poses that are `distance` (...) [m] of path length apart: (...) [rad or m].
 
     >>> jump_bound([0.0, 0.008, 1.0])
     array([0.1, 0.2, 0.5])
@@ -194,7 +197,7 @@ def follow_path(
     count, step
         How a path is sampled, see `CartesianPath.sample`.
     precision : float
-        How exactly the place of a break is found [m].
+        How exactly the place of a break is found [m], at least 1e-9.
     max_velocity : float or (n,) array, optional
         Speed limits by which joint ways are compared; see `pieper.motion.limits.JointLimits.of`.
 
@@ -223,8 +226,10 @@ def follow_path(
     """
     if target not in ("pose", "axis", "position"):
         raise unknown_name("target", target, ("pose", "axis", "position"), "follow_path")
-    if not (np.isfinite(precision) and precision > 0.0):
-        raise ArrayError(f"precision must be above 0 [m], got {precision!r}")
+    if not (np.isfinite(precision) and precision >= FINEST_PRECISION):
+        raise ArrayError(
+            f"precision must be at least {FINEST_PRECISION:g} m, below which rounding says where a path breaks, got {precision!r}"
+        )
     speeds = JointLimits.of(chain, max_velocity=max_velocity).velocity
     seed = None
     if q_start is not None:
@@ -249,7 +254,7 @@ class _Poses:
             s, T = path.sample(count=count, step=step)
             return cls(s, T, path.at, path.corners)
         if count is not None or step is not None:
-            raise ArrayError("count and step sample a CartesianPath; poses are taken as they are")
+            raise ArrayError("count and step sample a CartesianPath; poses are taken as they are: leave both out")
         Ts = np.ascontiguousarray(poses(path, "path"))
         if Ts.ndim != 3 or not len(Ts):
             raise ArrayError(f"path must be a CartesianPath or poses of shape (m, 4, 4), got {Ts.shape}")

@@ -439,7 +439,9 @@ class Servo:
         brake.target_velocity = brake.target_acceleration = self._zeros
         self._braking.reset()
         if self._fails(self._braking, brake, self._stopped):
-            raise MotionError(f"no braking was found from {self._q} at {self._dq}; limits of very different sizes?")
+            raise MotionError(
+                f"no braking was found from {self._q} at {self._dq}; limits of very different sizes? raise the smallest of them"
+            )
         out = self._stopped
         self._q, self._dq, self._ddq = out.new_position, out.new_velocity, out.new_acceleration
         self._goal, self._goal_array = self._q, np.array(self._q)

@@ -13,7 +13,8 @@ import numpy as np
 from pieper.errors import ArrayError
 from pieper.spatial import rotation as _rotation
 from pieper.spatial._checks import FloatArray, poses, rotations, stack, together
-from pieper.spatial.twist import exp, log, quaternion_from_matrix, rotation_vector_from_quaternion
+from pieper.spatial.quaternion import quaternion_from_matrix, rotation_vector_from_quaternion
+from pieper.spatial.twist import exp, log
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

@@ -1,7 +1,5 @@
-// What the general solver needs of a vector beyond lanes.hpp: square roots, masks, and records in memory.
+// What the general solver needs of a vector beyond lanes.hpp: masks and records in memory.
 #pragma once
-
-#include <cmath>
 
 #include "simd/lanes.hpp"
 
@@ -12,23 +10,6 @@
 #endif
 
 namespace {
-
-inline Vec square_root(Vec value) {
-#if PIEPER_LANES == 8
-  return reinterpret_cast<Vec>(_mm512_maskz_sqrt_pd(0xff, reinterpret_cast<__m512d>(value)));
-#elif PIEPER_LANES == 4
-  return reinterpret_cast<Vec>(_mm256_sqrt_pd(reinterpret_cast<__m256d>(value)));
-#elif PIEPER_LANES > 1
-  Vec root;
-  for (std::size_t l = 0; l < lanes; ++l) root[l] = __builtin_sqrt(value[l]);
-  return root;
-#else
-  return std::sqrt(value);
-#endif
-}
-
-inline Vec larger(Vec a, Vec b) { return select(a > b, a, b); }
-inline Vec smaller(Vec a, Vec b) { return select(a < b, a, b); }
 
 // |size| with the sign of `sign`
 inline Vec with_sign(Vec size, Vec sign) { return from_bits((bits(size) & INT64_MAX) | (bits(sign) & INT64_MIN)); }

@@ -16,8 +16,8 @@ from pieper.ros.nodes.complaints import Complaints
 from pieper.ros.nodes.joint_states import JOINT_STATE, JointStates
 from pieper.ros.nodes.transforms import TF_MESSAGE, DhFrames, TransformMessage, link_frames
 from pieper.ros.qos import LATCHED, TF, QoS
+from pieper.spatial.quaternion import quaternion_from_matrix
 from pieper.spatial.rotation import as_quaternion
-from pieper.spatial.twist import quaternion_from_matrix
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
