@@ -126,7 +126,8 @@ def each_in_turn(
 
 
 def _autorange(timer: timeit.Timer) -> tuple[int, float]:
-    """A number of calls that takes at least 2 ms, and what they took."""
+    """A number of calls that takes at least 2 ms, and what they took; what the first call sets up does not count."""
+    timer.timeit(1)
     count = 1
     while True:
         spent = timer.timeit(count)

@@ -20,12 +20,12 @@ METHOD = (
 )
 HEAD = """# Scenes, measures and figures of the perception
 
-`benchmarks/perception.py` measures and writes the tables of this page, and `pieper evaluate --all` prints the first of them.
+`benchmarks/perception.py` measures and writes the tables of this page, and `pieper evaluate --marks` prints the first of them.
 
 ## Scenes with exact truth
 
 ```console
-$ pieper synthesize occlusion --frames 20 --out film
+$ pieper synthesize occlusion --count 20 --out film
 wrote film  video.mp4 of 20 frames, 0.33 s, and truth.jsonl
 ```
 
@@ -150,7 +150,7 @@ def shown(mark: dict, value: float | None) -> str:
 def figures() -> dict[str, dict]:
     """Every scene, tracked with the colours of its first light, following the light."""
     from pieper.perception import pass_marks
-    from pieper.perception.scene import PRESETS, preset
+    from pieper.perception.scene_presets import PRESETS, preset
 
     found = {}
     for name in PRESETS:
@@ -172,7 +172,7 @@ def pictures() -> str:
     from pieper.perception.pass_marks import learned
     from pieper.perception.pattern import Patterns
     from pieper.perception.pipeline import MarkerTracker
-    from pieper.perception.scene import preset
+    from pieper.perception.scene_presets import preset
     from pieper.perception.synthetic import Renderer
 
     names = ["clean", "noise", "blur-light", "light-ramp", "shadow", "lens", "occlusion", "crossing", "report"]

@@ -11,7 +11,9 @@ import pathlib
 from collections.abc import Callable
 
 import matplotlib as mpl
+import recall_table
 import results
+from markdown import time_text
 from matplotlib import pyplot as plt
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
@@ -19,6 +21,7 @@ from matplotlib.ticker import NullLocator
 IMAGES = results.HERE.parent / "docs" / "images"
 INK, FAINT, CARD = "#1f2328", "#8b949e", "#fbfbfa"
 OURS, YARDSTICK, OTHERS = "#0072b2", "#009e73", "#b8bec6"
+SERVO = "#56b4e9"
 SOLVERS = {  # how a solver's name begins: label, colour, marker
     "pieper": ("pieper", "#0072b2", "o"),
     "Robotics Toolbox": ("Robotics Toolbox", "#d55e00", "s"),
@@ -69,14 +72,6 @@ mpl.rcParams.update(
         "svg.hashsalt": "pieper",
     }
 )
-
-
-def time_text(nanoseconds: float) -> str:
-    """Three digits and a unit."""
-    for unit, size in (("ns", 1.0), ("µs", 1e3), ("ms", 1e6)):
-        if nanoseconds < 999.5 * size:
-            return f"{nanoseconds / size:.3g} {unit}"
-    return f"{nanoseconds / 1e9:.3g} s"
 
 
 def bars(axes: plt.Axes, rows: list[tuple[str, float, str]]) -> None:
@@ -256,11 +251,89 @@ def every_solution(data: dict) -> plt.Figure:
     return figure
 
 
+def motion(data: dict) -> plt.Figure:
+    """A pose of a path, and a cycle of the servo."""
+    path = data["path_ik_ms_per_1000_poses"]
+    rows = [(f"path IK, a pose: {label(name)}", 1e3 * row["median"], YARDSTICK) for name, row in path.items()]
+    rows += [(f"servo, a cycle: {label(name)}", 1e3 * row["median"], SERVO) for name, row in data["servo_us"].items()]
+    figure, axes = plt.subplots(figsize=(8, 0.27 * len(rows) + 0.9))
+    bars(axes, rows)
+    headline(figure, "Following: medians of one pose of a path and of one cycle of the servo")
+    return figure
+
+
+def label(name: str) -> str:
+    """The name of an arm as its maker writes it."""
+    arm, _, rest = name.partition(", ")
+    return f"{ {'ur5e': 'UR5e', 'kr210': 'KR210', 'panda': 'Panda'}.get(arm, arm) }, {rest}"
+
+
+def planning(data: dict) -> plt.Figure:
+    """How many questions are answered within a time."""
+    figure, axes = plt.subplots(figsize=(8, 3.1))
+    for (words, arms), color in zip(
+        {"KR210, nine slots": "kr210", "UR5e, random shelves": "ur5e"}.items(), (YARDSTICK, OURS), strict=True
+    ):
+        seconds = sorted(row["processor_seconds"] for row in data["rows"] if row["arm"] == arms)
+        share = [100.0 * (k + 1) / len(seconds) for k in range(len(seconds))]
+        axes.step(seconds, share, where="post", color=color, linewidth=1.8)
+        middle = seconds[round(0.62 * len(seconds))]
+        side = (8, -12) if color == OURS else (-8, 10)
+        axes.annotate(
+            words,
+            (middle, 62.0),
+            side,
+            textcoords="offset points",
+            color=color,
+            ha="left" if color == OURS else "right",
+        )
+    for limit, words in ((0.15, "asked: median"), (2.0, "asked: 99 %")):
+        axes.axvline(limit, color=FAINT, linewidth=1, linestyle=":")
+        axes.annotate(words, (limit, 2), (-3, 0), textcoords="offset points", fontsize=9, color=FAINT, ha="right")
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter(lambda value, _: time_text(1e9 * value))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_ylim(0, 112)
+    axes.set_yticks([0, 25, 50, 75, 100], ["0 %", "25 %", "50 %", "75 %", "100 %"])
+    headline(figure, "Paths among obstacles: share of questions answered within a time")
+    return figure
+
+
+def recall(data: dict) -> plt.Figure:
+    """How many poses lose their branch, by kind of pose."""
+    none = 1e-8
+    groups = recall_table.groups(data)
+    kinds = list(next(iter(groups.values())))
+    figure, axes = plt.subplots(figsize=(8, 4.2))
+    styles = zip(groups.items(), ((OURS, "o"), (YARDSTICK, "^"), ("#d55e00", "s")), strict=True)
+    for k, ((words, by_kind), (color, marker)) in enumerate(styles):
+        lost = {kind: recall_table.missing(kind, figures) for kind, figures in by_kind.items()}
+        x = [max(part / whole, none) for part, whole in lost.values()]
+        y = [kinds.index(kind) + 0.26 * (k - 1) for kind in lost]
+        axes.plot(x, y, color=color, marker=marker, linestyle="none", markersize=6, label=words)
+    axes.set_xscale("log")
+    axes.set_xlim(none / 2, 1e-2)
+    axes.set_xticks([none, *(10.0**p for p in range(-7, -1))])
+    axes.xaxis.set_major_formatter(lambda x, _: "none" if x < 2 * none else f"{100 * x:.6g} %")
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_yticks(range(len(kinds)), kinds)
+    axes.set_ylim(len(kinds) - 0.5, -0.5)
+    axes.tick_params(axis="y", length=0)
+    axes.hlines([i + 0.5 for i in range(len(kinds) - 1)], *axes.get_xlim(), color=FAINT, alpha=0.25, linewidth=0.6)
+    figure.legend(loc="lower center", ncols=3, frameon=False, fontsize=9, handletextpad=0.2)
+    figure.suptitle("Poses that lose their branch; below 1e-8 rad: that are not answered", x=0.012, ha="left", fontsize=11, fontweight="bold")  # fmt: skip
+    figure.tight_layout(rect=(0, 0.07, 1, 1))
+    return figure
+
+
 PICTURES: dict[str, Callable[[dict], plt.Figure]] = {
     "forward_kinematics": forward_kinematics,
     "single_call": single_call,
     "every_solution": every_solution,
     "numeric_ik": numeric_ik,
+    "motion": motion,
+    "planning": planning,
+    "recall": recall,
 }
 
 

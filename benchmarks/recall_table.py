@@ -6,13 +6,12 @@ python benchmarks/recall_table.py
 from collections.abc import Iterable
 
 import results
+from markdown import Row, origin, table
 from recall import unpacked
-from table import origin, table
 
 PAGE = results.HERE.parent / "docs" / "recall.md"
 NEAR = 0.9e-8  # rad
 COUNTED = ("poses", "regular", "generating", "generating_regular", "branch", "answered", "answers", "false", "doubtful")
-Row = list[str]
 
 HEAD = """# Recall
 
@@ -95,32 +94,56 @@ def share(part: int, whole: int) -> str:
     return f"{100 * part / whole:.{digits}f} % ({whole - part} missing)"
 
 
-def summary(arms: list[dict], solver: str) -> list[str]:
-    """All arms together, by kind of pose."""
-    rows = []
-    kinds = dict.fromkeys(kind for arm in arms for kind in parts(arm["kinds"]))
-    for kind in kinds:
+def by_kind(arms: list[dict], solver: str) -> dict[str, dict]:
+    """The figures of all arms together, by kind of pose."""
+    found = {}
+    for kind in dict.fromkeys(kind for arm in arms for kind in parts(arm["kinds"])):
         tallies = []
         for arm in arms:
             for by_solver in parts(arm["kinds"]).get(kind, ()):
                 tally = chosen(by_solver) if solver == "method" else by_solver.get(solver)
                 if tally:
                     tallies.append(tally)
-        if not tallies:
-            continue
-        figures = total(tallies)
-        rows.append(
-            [
-                kind,
-                f"{figures['poses']:,}",
-                *shares(kind, figures),
-                f"{figures['false']} of {figures['answers']:,}",
-                f"{figures['position']:.0e} m, {figures['rotation']:.0e} rad",
-                f"{100 * figures['doubtful'] / figures['poses']:.2g} %",
-            ]
-        )
+        if tallies:
+            found[kind] = total(tallies)
+    return found
+
+
+def summary(arms: list[dict], solver: str) -> list[str]:
+    """All arms together, by kind of pose."""
+    rows = [
+        [
+            kind,
+            f"{figures['poses']:,}",
+            *shares(kind, figures),
+            f"{figures['false']} of {figures['answers']:,}",
+            f"{figures['position']:.0e} m, {figures['rotation']:.0e} rad",
+            f"{100 * figures['doubtful'] / figures['poses']:.2g} %",
+        ]
+        for kind, figures in by_kind(arms, solver).items()
+    ]
     head = ["poses", "number", "generating joints", "branch", "answered", "false", "worst errors", "doubtful"]
     return table(head, rows)
+
+
+def missing(kind: str, figures: dict) -> tuple[int, int]:
+    """How many poses lost their branch, and of how many; of those nearest to a singularity how many have no answer."""
+    if kind.startswith("grid"):
+        return figures["regular"] - figures["generating_regular"], figures["regular"]
+    return figures["poses"] - figures["answered" if "below" in kind else "branch"], figures["poses"]
+
+
+def groups(data: dict) -> dict[str, dict[str, dict]]:
+    """The figures by kind of pose: of the built-in arms, of the public ones, and of the general solver where there is a closed form."""
+    arms = [arm | {"kinds": unpacked(arm["kinds"])} for arm in data["arms"]]
+    built_in = [arm for arm in arms if arm["source"] == "built in"]
+    public = [arm for arm in arms if arm["source"] != "built in"]
+    with_form = [arm for arm in arms if "closed form" in arm["kinds"]["random"]]
+    return {
+        f"{len(built_in)} built-in arms": by_kind(built_in, "method"),
+        f"{len(public)} public arms": by_kind(public, "method"),
+        f"the general solver alone, {len(with_form)} arms": by_kind(with_form, "general"),
+    }
 
 
 def each(arms: list[dict]) -> list[str]:
@@ -208,7 +231,8 @@ def named(kinds: dict) -> Iterable[tuple[str, dict]]:
         yield f"boundary, {words}", tally
 
 
-def main() -> None:
+def page() -> str:
+    """The page as the data have it."""
     data = results.load("recall")
     for arm in data["arms"]:
         arm["kinds"] = unpacked(arm["kinds"])
@@ -217,6 +241,7 @@ def main() -> None:
     with_form = [arm for arm in data["arms"] if "closed form" in arm["kinds"]["random"]]
     sources = dict.fromkeys(arm["source"] for arm in public)
     lines = [HEAD.format(method=data["method"]).rstrip(), ""]
+    lines += ["![Share of poses that lose their branch, by kind of pose](images/benchmark_recall.svg)", ""]
     lines += [f"## The {len(built_in)} built-in arms", "", *summary(built_in, "method"), ""]
     lines += [f"## {len(public)} arms of public packages", "", f"From {', '.join(sources)}.", ""]
     lines += [*summary(public, "method"), ""]
@@ -238,7 +263,11 @@ def main() -> None:
         "",
         origin(data),
     ]
-    PAGE.write_text("\n".join(lines) + "\n")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    PAGE.write_text(page(), encoding="utf-8")
     print(PAGE)
 
 

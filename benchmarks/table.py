@@ -1,49 +1,22 @@
-"""Write docs/benchmarks.md from the measurements in results/.
+"""Write docs/benchmarks.md and the comparison of the README from the measurements in results/.
 
 python benchmarks/table.py
 """
 
 import statistics
 
+import comparison
 import results
 from forward_kinematics import CAREFUL, KEPT
-from plots import ARMS, SOLVERS, time_text
+from markdown import Row, origin, table, time_text, times
+from plots import ARMS, SOLVERS
+from task_sections import TASK_SECTIONS
 
 PAGE = results.HERE.parent / "docs" / "benchmarks.md"
-Row = list[str]
-
-
-def table(head: Row, rows: list[Row], *, left: int = 1) -> list[str]:
-    """Lines of a Markdown table; all columns but the first few are right-aligned."""
-    rule = ["---" if i < left else "---:" for i in range(len(head))]
-    return ["| " + " | ".join(line) + " |" for line in (head, rule, *rows)]
 
 
 def nanoseconds(row: dict) -> str:
     return time_text(row["nanoseconds"]["median"])
-
-
-def times(ratio: dict) -> str:
-    """A ratio with its quartiles."""
-    digits = 2 if ratio["median"] < 10 else 1 if ratio["median"] < 100 else 0
-    return " ".join(
-        f"{text}{ratio[key]:.{digits}f}{end}"
-        for text, key, end in (("", "median", ""), ("(", "lower_quartile", " to"), ("", "upper_quartile", ")"))
-    )
-
-
-def origin(data: dict) -> str:
-    """One line: when, on what, with what."""
-    versions = ", ".join(f"{name} {version}" for name, version in data["versions"].items())
-    machine = data["machine"]
-    return (
-        f"*{data['date']}, commit `{data['commit']}`, {machine['processor']}, "
-        f"Python {machine['python']}; {versions}. {sentence(data['method'])}*"
-    )
-
-
-def sentence(text: str) -> str:
-    return text[0].upper() + text[1:] + "."
 
 
 def forward_kinematics(data: dict) -> list[str]:
@@ -152,8 +125,7 @@ def every_solution(data: dict) -> list[str]:
             for name, f in row["solvers"].items()
         ]
         lines += table(head, rows, left=2)
-    commits = dict.fromkeys(part["commit"] for part in data["parts"].values())
-    return [*lines, "", origin(data | {"commit": "`, `".join(commits)})]
+    return [*lines, "", origin(data)]
 
 
 def solution_rows(row: dict) -> list[Row]:
@@ -581,6 +553,27 @@ def public_urdfs(data: dict) -> list[str]:
     ]
 
 
+def features(data: dict) -> list[str]:
+    heads = [name for name in comparison.COLUMNS if name != "pieper"]
+    rows = [
+        [row["feature"], *(f"`{row['by'][name]}`" if name in row["by"] else "" for name in ("pieper", *heads))]
+        for row in data["rows"]
+    ]
+    count = [str(data["robots"].get(name, "")) for name in ("pieper", *heads)]
+    return [
+        "## What each package has",
+        "",
+        (
+            "Each cell is the name that was imported as proof, or the file that was found; a gap: the package defines no name like it. `features.py` prints names that "
+            "hint at more than is credited, and says what they are instead."
+        ),
+        "",
+        *table(["", "pieper", *heads], [*rows, ["robots that come along", *count]], left=11),
+        "",
+        origin(data),
+    ]
+
+
 def cell(text: str) -> str:
     """Text that fits a cell: what a parser says about a whole path is cut to its reason."""
     text = text.partition(": ")[2] or text
@@ -691,27 +684,36 @@ SECTIONS = (
     single_call,
     every_solution,
     numeric_ik,
+    *TASK_SECTIONS,
     report_loop,
     ros_latency,
     segmentation,
+    features,
     import_and_size,
     public_urdfs,
 )
 HEAD = """# Benchmarks
 
-One thread everywhere. Candidates take turns and a ratio is taken within the round, because the speed of a machine drifts
-from minute to minute. Times are processor times, but for single calls that list every solution and for ROS nodes. How to repeat them is told in `benchmarks/README.md`; the
-figures behind this page lie as data in `benchmarks/results/`. This page is written by `benchmarks/table.py`.
+One thread everywhere, but for maps and ROS nodes. Candidates take turns and a ratio is taken within the round, because the speed of a machine drifts
+from minute to minute. Times are processor times, but for single calls that list every solution, servo cycles, maps and ROS nodes. How to repeat them is told in `benchmarks/README.md`; the
+figures behind this page lie as data in `benchmarks/results/`. This page is written by `benchmarks/table.py`; each section names its date and commit.
+Recall has [its own page](recall.md), perception [another](guides/perception_figures.md).
 """
 
 
-def main() -> None:
+def page() -> str:
+    """The page as the data have it."""
     data = {section.__name__: results.load(section.__name__) for section in SECTIONS}
     lines = [HEAD.rstrip(), "", *summary(data)]
     for section in SECTIONS:
         lines += ["", *section(data[section.__name__])]
-    PAGE.write_text("\n".join(lines) + "\n")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    PAGE.write_text(page(), encoding="utf-8")
     print(PAGE)
+    comparison.main()
 
 
 if __name__ == "__main__":

@@ -1,6 +1,17 @@
 """Sphinx configuration."""
 
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from docutils import nodes
+from sphinx import addnodes
+
 import pieper
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
 
 project = "Pieper"
 author = "The Pieper authors"
@@ -22,6 +33,9 @@ html_title = f"Pieper {version}"
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 
+# `name` in a docstring is a link where there is something of that name, and code where not
+default_role = "py:obj"
+
 # a link to what is not there is a warning; types are prose here ("(..., 4, 4) array") and no links
 nitpicky = True
 nitpick_ignore_regex = [("py:(class|obj)", ".*")]
@@ -36,3 +50,20 @@ autodoc_typehints_description_target = "documented"
 napoleon_google_docstring = False
 napoleon_use_rtype = False
 napoleon_use_ivar = True
+
+DOTTED = re.compile(r"pieper(?:\.[A-Za-z_]\w*)+")
+
+
+def link_names(_: Sphinx, page: nodes.document) -> None:
+    """Make links of the modules, functions and classes that a page names between backticks."""
+    for code in list(page.findall(nodes.literal)):
+        if DOTTED.fullmatch(code.astext()) and not isinstance(code.parent, nodes.reference | addnodes.pending_xref):
+            name = code.astext()
+            link = addnodes.pending_xref("", refdomain="py", reftype="obj", reftarget=name, refwarn=False)
+            code.replace_self(link)
+            link += code
+
+
+def setup(app: Sphinx) -> None:
+    """Called by Sphinx."""
+    app.connect("doctree-read", link_names)

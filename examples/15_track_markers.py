@@ -12,14 +12,16 @@ from pathlib import Path
 from pieper.perception import scene_folder, truth
 from pieper.perception.adapt import LightAdaptation
 from pieper.perception.calibration_file import load_view
-from pieper.perception.color_learning import learn, read_regions
+from pieper.perception.color_learning import learn
+from pieper.perception.color_regions import read_regions
 from pieper.perception.evaluate import evaluate
 from pieper.perception.follow import follow
-from pieper.perception.output import VideoFile, create_tracks, read_tracks
+from pieper.perception.output import create_tracks, read_tracks
 from pieper.perception.overlay import Overlay
 from pieper.perception.pipeline import MarkerTracker
-from pieper.perception.scene import preset
+from pieper.perception.scene_presets import preset
 from pieper.perception.source import open_source, read_frame
+from pieper.perception.video_file import VideoFile
 
 
 def main(folder: Path) -> None:

@@ -3,7 +3,8 @@
 import numpy as np
 
 from pieper.perception.adapt import LightAdaptation
-from pieper.perception.color_learning import Region, learn
+from pieper.perception.color_learning import learn
+from pieper.perception.color_regions import Region
 from pieper.perception.frame import Frame
 from pieper.perception.segment import segment
 

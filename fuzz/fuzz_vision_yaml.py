@@ -21,7 +21,7 @@ with atheris.instrument_imports(include=["pieper.perception", "pieper.yaml_file"
     from pieper.errors import PieperError
     from pieper.perception.calibration_file import load_camera, load_field_size, load_view
     from pieper.perception.color import ColorModel
-    from pieper.perception.color_learning import read_regions
+    from pieper.perception.color_regions import read_regions
     from pieper.perception.pattern import load_patterns
     from pieper.yaml_file import Section, as_yaml, parse_yaml
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from pieper.perception import field, field_lines
 from pieper.perception.board import Board
-from pieper.perception.calibration import calibrate_camera, find_views
+from pieper.perception.board_views import find_views
+from pieper.perception.calibration import calibrate_camera
 from pieper.perception.calibration_picture import camera_picture, save_picture
 from pieper.perception.camera import Camera
 from pieper.perception.field_view import FieldView

@@ -251,15 +251,26 @@ rclpy_tests() {
     say "   skipped: rclpy comes as a package for Linux on x86-64 and Python 3.10 to 3.13"
     return
   }
-  once rclpy "$(sha256sum <pyproject.toml) $identity" "installing rclpy" install_rclpy "$other"
+  once rclpy "$(sha256sum <pyproject.toml) $identity" "installing rclpy" install_beside "$other" --group rclpy
   "$other/bin/python" -m pytest -q tests/ros/test_bus_contract.py tests/ros/test_rclpy_peer.py
 }
 
-install_rclpy() {
-  rm -rf "$1"
-  "$python" -m venv "$1"
+# The page for those who come from other packages, with these packages; beside this environment, where they change nothing.
+peers_tests() {
+  local other=$root/build/peers
+  "$python" -c 'import platform, sys; sys.exit((platform.system(), platform.machine()) != ("Linux", "x86_64") or not (3, 11) <= sys.version_info < (3, 14))' || {
+    say "   skipped: all of these packages are to be had for Linux on x86-64 and Python 3.11 to 3.13"
+    return
+  }
+  once peers "$(sha256sum <pyproject.toml) $identity" "installing the peers" install_beside "$other" --no-deps --group peers
+  "$other/bin/python" -m pytest -q tests/migration
+}
+
+# install_beside FOLDER ARGUMENT...: an environment on top of this one, into which pip installs what the arguments say.
+install_beside() {
   local folder='import sysconfig; print(sysconfig.get_path("purelib"))'
+  rm -rf "$1"
+  "$python" -m venv --without-pip "$1"
   printf 'import site; site.addsitedir("%s")\n' "$("$python" -c "$folder")" >"$("$1/bin/python" -c "$folder")/pieper.pth"
-  "$1/bin/python" -m pip install --upgrade 'pip>=25.1'
-  "$1/bin/python" -m pip install --group rclpy
+  "$python" -m pip --python "$1/bin/python" install "${@:2}"
 }

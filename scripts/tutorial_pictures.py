@@ -16,7 +16,7 @@ from pieper.perception.overlay import Overlay
 from pieper.perception.pass_marks import learned, report_colors
 from pieper.perception.pipeline import MarkerTracker
 from pieper.perception.report import ReportTracker
-from pieper.perception.scene import preset
+from pieper.perception.scene_presets import preset
 from pieper.perception.synthetic import Renderer
 from pieper.sim.picture import Picture
 from pieper.spatial import rotation

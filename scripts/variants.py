@@ -5,29 +5,65 @@ Run from a clone with the groups ``build`` and ``test`` installed, or by ``nox -
     python scripts/variants.py                                  g++ and clang++, vectors and portable, answers and tests
     python scripts/variants.py --variants clang++-portable      some of them
     python scripts/variants.py --answers                        answers alone, which takes seconds for each
+    python scripts/variants.py --jobs 8                         tests on eight processes
 
 A variant is a compiler, then ``vector`` or ``portable``, then ``libc++`` where it is not the compiler's usual library. The first is what the others are
 compared with. What "the same answers" means stands in docs/guides/install.md; the limits are those below.
+
+What was found is kept in build/variants.json as it comes, so that a run that was cut off goes on where it stopped; what was found of other sources, by
+another compiler, or amiss, is looked for again.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import os
+import platform
+import re
 import shutil
 import subprocess
 import sys
 import time
+from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 ROOT = Path(__file__).parents[1]
 BUILD = ROOT / "build" / "variants"
+KEPT = ROOT / "build" / "variants.json"
 VARIANTS = ("g++-vector", "g++-portable", "clang++-vector", "clang++-portable", "clang++-vector-libc++")
-TESTS = ("tests/native", "tests/kinematics", "tests/ik", "tests/laws", "tests/perception/test_segment.py")
+# Those that ask the kernels most; what stands on top of the kernels is tested once, by ./test.
+TESTS = (
+    "tests/native",
+    "tests/kinematics/test_fk.py",
+    "tests/kinematics/test_jacobian.py",
+    "tests/kinematics/test_manipulability.py",
+    "tests/ik/test_closed_form.py",
+    "tests/ik/test_constrained_newton.py",
+    "tests/ik/test_degenerate_arms.py",
+    "tests/ik/test_general_6r.py",
+    "tests/ik/test_general_6r_safeguards.py",
+    "tests/ik/test_general_6r_slide.py",
+    "tests/ik/test_instruction_sets.py",
+    "tests/ik/test_numeric.py",
+    "tests/ik/test_partial.py",
+    "tests/ik/test_random_arms.py",
+    "tests/laws/test_completeness.py",
+    "tests/laws/test_families_of_answers.py",
+    "tests/laws/test_free_joints_and_limits.py",
+    "tests/laws/test_inverse_kinematics.py",
+    "tests/laws/test_just_out_of_reach.py",
+    "tests/laws/test_numeric_inverse_kinematics.py",
+    "tests/perception/test_segment.py",
+    "tests/workspace/test_scores.py",
+)
+# What those tests are about, of the package; and the files there that count.
+ROOMS = ("_native", "spatial", "model", "kinematics", "ik", "workspace", "perception/segment.py")
+SOURCES = (".cpp", ".hpp", ".py", ".json", ".txt")
 
 # Rounding of some hundred operations on numbers of size 1; measured: 7e-16.
 SAME_POSE = 1e-14
@@ -41,10 +77,11 @@ REGULAR = 1e-4
 SAME_PLACE = 1e-9
 
 
-class Variant(NamedTuple):
+class Variant:
     """One way to compile the core."""
 
-    name: str
+    def __init__(self, name: str) -> None:
+        self.name = name
 
     @property
     def compiler(self) -> str:
@@ -64,8 +101,21 @@ class Variant(NamedTuple):
         paths = [str(BUILD / self.name / "site"), str(ROOT)]
         return {**os.environ, "CXX": self.compiler, "PYTHONPATH": os.pathsep.join(paths)}
 
+    @property
+    def compiler_version(self) -> str:
+        return run([self.compiler, "--version"], dict(os.environ)).splitlines()[0]
+
+    @cached_property
+    def instruction_sets(self) -> list[str]:
+        """Those that it has and this processor can run; compiles it, and lays it into a folder of its own."""
+        say(f"{self.name}: compiling")
+        self.build()
+        code = "import json; from pieper._native import kernels; print(json.dumps(kernels.instruction_sets()))"
+        found = json.loads(run([sys.executable, "-c", code], self.environment))
+        assert isinstance(found, list)
+        return found
+
     def build(self) -> None:
-        """Compile it and lay it into a folder of its own."""
         site = BUILD / self.name / "site"
         shutil.rmtree(site, ignore_errors=True)
         settings = [f"-Ccmake.define.{key}={value}" for key, value in self.settings.items()]
@@ -73,23 +123,23 @@ class Variant(NamedTuple):
         folders = ["--target", str(site), f"-Cbuild-dir={BUILD / self.name / 'wheel'}"]
         run([*pip, *folders, *settings, str(ROOT)], self.environment)
 
-    def native_tests(self) -> None:
-        """Those of the C++ library; each goes through every instruction set."""
+    @cached_property
+    def native_tests(self) -> int:
+        """How many of those of the C++ library passed, which is all; each goes through every instruction set."""
+        say(f"{self.name}: native tests")
         folder = str(BUILD / self.name / "native")
         settings = [f"-D{key}={value}" for key, value in self.settings.items()]
-        run(
-            ["cmake", "-S", str(ROOT), "-B", folder, "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release", *settings],
-            self.environment,
-        )
+        cmake = ["cmake", "-S", str(ROOT), "-B", folder, "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release", *settings]
+        run(cmake, self.environment)
         run(["cmake", "--build", folder], self.environment)
-        run(["ctest", "--test-dir", f"{folder}/native", "--output-on-failure"], self.environment)
+        said = run(["ctest", "--test-dir", f"{folder}/native", "--output-on-failure"], self.environment)
+        (count,) = re.findall(r"^100% tests passed.* out of (\d+)$", said, re.MULTILINE)
+        return int(count)
 
-    def instruction_sets(self) -> list[str]:
-        """Those that it has and this processor can run."""
-        code = "import json; from pieper._native import kernels; print(json.dumps(kernels.instruction_sets()))"
-        found = json.loads(run([sys.executable, "-c", code], self.environment))
-        assert isinstance(found, list)
-        return found
+
+def say(what: str) -> None:
+    """A line of progress."""
+    print(f"{time.strftime('%H:%M:%S')} {what}", file=sys.stderr, flush=True)
 
 
 def run(command: list[str], environment: dict[str, str]) -> str:
@@ -221,6 +271,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--variants", nargs="+", choices=VARIANTS, help="instead of all whose compiler is here")
     parser.add_argument("--answers", action="store_true", help="compare answers, and leave the tests out")
+    parser.add_argument("--jobs", default="1", help="processes that a run of the tests takes (default: 1)")
+    parser.add_argument(
+        "--fresh", action="store_true", help="look for everything again, whatever build/variants.json holds"
+    )
     parser.add_argument("--write-answers", metavar="FILE", help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.write_answers:
@@ -231,44 +285,96 @@ def main() -> int:
         if asked.variants:
             sys.exit(f"not installed: {', '.join(sorted(missing))}")
         print(f"left out, not installed: {', '.join(sorted(missing))}", file=sys.stderr)
-    return report([v for v in variants if v.compiler not in missing], tests=not asked.answers)
+    jobs = "" if asked.answers else asked.jobs
+    found = examine(
+        [v for v in variants if v.compiler not in missing], jobs=jobs, kept={} if asked.fresh else read_kept()
+    )
+    print(table(found))
+    wrong = [f"{name}: {words}" for name, one in found.items() for words in one["wrong"]]
+    for line in wrong:
+        print(line, file=sys.stderr)
+    return int(bool(wrong))
 
 
-def report(variants: list[Variant], *, tests: bool) -> int:
-    """Build, ask, test and compare; prints a row for each variant and instruction set. 1 where something differs or fails."""
-    columns = ("pose", "jacobian", "closed", "general", "numeric", "centroid", "blobs", "error")
-    print("| variant | instruction set | " + " | ".join(columns) + " | native tests | Python tests |", flush=True)
-    print("|---" * (len(columns) + 4) + "|", flush=True)
+def examine(variants: list[Variant], *, jobs: str, kept: dict[str, Any]) -> dict[str, Any]:
+    """Build, ask, test and compare: what was found of each variant and instruction set. Without jobs no tests are run."""
+    sources, found = fingerprint(), dict[str, Any]()
     first: dict[str, Any] | None = None
-    failures = []
     for variant in variants:
-        variant.build()
-        if tests:
-            variant.native_tests()
-        for instructions in variant.instruction_sets():
-            environment = {**variant.environment, "PIEPER_INSTRUCTION_SET": instructions}
+        of = {"sources": sources, "compiler": variant.compiler_version, "processor": processor()}
+        for instructions in variant.instruction_sets:
+            name = f"{variant.name} {instructions}"
             path = BUILD / variant.name / f"{instructions}.npz"
-            run([sys.executable, str(Path(__file__)), "--write-answers", str(path)], environment)
-            answers = dict(np.load(path))
-            first = first or answers
-            different = compare(first, answers)
-            failures += [f"{variant.name} {instructions}: {wrong}" for wrong in different.wrong]
-            said = python_tests(environment) if tests else "-"
-            if tests and ("failed" in said or "passed" not in said):
-                failures.append(f"{variant.name} {instructions}: {said}")
-            cells = [f"{different.largest.get(column, 0.0):.1g}" for column in columns]
-            row = [variant.name, instructions, *cells, "passed" if tests else "-", said]
-            print("| " + " | ".join(row) + " |", flush=True)
-    for failure in failures:
-        print(failure, file=sys.stderr)
-    return int(bool(failures))
+            before = kept.get(name, {})
+            known = is_whole(before, of, tests=bool(jobs)) and path.exists()
+            if not known:
+                say(f"{name}: answers")
+                environment = {**variant.environment, "PIEPER_INSTRUCTION_SET": instructions}
+                run([sys.executable, str(Path(__file__)), "--write-answers", str(path)], environment)
+            first = first or dict(np.load(path))
+            different = compare(first, dict(np.load(path)))
+            one = {**of, "native": None, "python": None, "largest": different.largest, "wrong": different.wrong}
+            if known:
+                one = {**before, **one, "native": before["native"], "python": before["python"]}
+            elif jobs:
+                one["native"] = variant.native_tests
+                say(f"{name}: {one['native']} native tests passed; Python tests")
+                one["python"] = counts = python_tests(environment, jobs)
+                if set(counts) - {"passed", "skipped", "seconds"} or not counts.get("passed"):
+                    one["wrong"] = [*different.wrong, f"tests: {counts}"]
+            found[name] = kept[name] = one
+            KEPT.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+            say(f"{name}: {row(name, one)}{' (kept)' if known else ''}")
+    return found
 
 
-def python_tests(environment: dict[str, str]) -> str:
-    """Run the tests that ask the core; the last line of pytest, and all of it where some fail."""
+def read_kept() -> dict[str, Any]:
+    """What earlier runs found, by variant and instruction set."""
+    kept = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else {}
+    assert isinstance(kept, dict)
+    return kept
+
+
+def is_whole(one: dict[str, Any], of: dict[str, str], *, tests: bool) -> bool:
+    """Whether what was found is of these sources, this compiler and processor, with tests if wanted, and nothing was amiss."""
+    return (
+        all(one.get(key) == value for key, value in of.items())
+        and not one["wrong"]
+        and bool(one["python"] or not tests)
+    )
+
+
+def fingerprint() -> str:
+    """Of every file that decides what is compiled, asked and tested."""
+    files: set[Path] = set()
+    for place in (
+        *(ROOT / "src" / "pieper" / room for room in ROOMS),
+        *(ROOT / other for other in ("CMakeLists.txt", "native", *TESTS)),
+    ):
+        files |= {p for p in place.rglob("*") if p.suffix in SOURCES} if place.is_dir() else {place}
+    digest = hashlib.sha256(Path(__file__).read_bytes())
+    for path in sorted(files):
+        digest.update(f"{path.relative_to(ROOT)} {hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode())
+    return digest.hexdigest()
+
+
+def processor() -> str:
+    """Its name, as far as the system tells it."""
+    cpuinfo = Path("/proc/cpuinfo")
+    found = (
+        re.findall(r"^model name\s*: (.*)$", cpuinfo.read_text(encoding="utf-8"), re.MULTILINE)
+        if cpuinfo.exists()
+        else []
+    )
+    return found[0] if found else platform.processor()
+
+
+def python_tests(environment: dict[str, str], jobs: str) -> dict[str, float]:
+    """Run the tests that ask the core: how many passed, failed and so on, and the seconds it took; prints all where some fail."""
     start = time.monotonic()
+    parallel = [] if jobs == "1" else ["-n", jobs]
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *TESTS],
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *parallel, *TESTS],
         env=environment,
         cwd=ROOT,
         stdout=subprocess.PIPE,
@@ -278,8 +384,44 @@ def python_tests(environment: dict[str, str]) -> str:
     )
     if done.returncode != 0:
         print(done.stdout, file=sys.stderr)
-    last = done.stdout.strip().splitlines()[-1].strip("= ").split(" in ")[0]
-    return f"{last}, {time.monotonic() - start:.0f} s"
+    last = done.stdout.strip().splitlines()[-1]
+    counts = {
+        what.rstrip("s"): int(count)
+        for count, what in re.findall(r"(\d+) (passed|failed|skipped|errors?|warnings?)", last)
+    }
+    return {**counts, "seconds": round(time.monotonic() - start)}
+
+
+# --- and the table
+
+
+COLUMNS = ("pose", "jacobian", "closed", "general", "numeric", "centroid", "blobs", "error")
+
+
+def row(name: str, one: dict[str, Any]) -> str:
+    """Largest differences from the first, and how many tests passed."""
+    cells = [*name.split(), *(f"{one['largest'].get(column, 0.0):.1g}" for column in COLUMNS)]
+    counts = one["python"]
+    tests = (
+        "-"
+        if counts is None
+        else ", ".join(f"{v} {k}" for k, v in counts.items() if k != "seconds") + f", {counts['seconds']} s"
+    )
+    return "| " + " | ".join([*cells, str(one["native"] or "-"), tests]) + " |"
+
+
+def table(found: dict[str, Any]) -> str:
+    """A row for each variant and instruction set, under the compilers and the processor that they are of."""
+    of = sorted({one["compiler"] for one in found.values()} | {one["processor"] for one in found.values()})
+    head = "| variant | instruction set | " + " | ".join(COLUMNS) + " | native tests passed | Python tests |"
+    lines = [
+        ", ".join(of),
+        "",
+        head,
+        "|---" * (len(COLUMNS) + 4) + "|",
+        *(row(name, one) for name, one in found.items()),
+    ]
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":

@@ -3,12 +3,15 @@
 Blocks of ``python`` run and those of ``pycon`` print what they say, each page in one namespace from top to bottom. A block of ``text`` right after one of ``python``
 is what that prints. Console blocks run too: what follows a line ``$ pieper ...``
 is what the command prints; ``...`` stands for anything, and ``(exit code 1)`` for its exit code where that is not 0.
+Commands in blocks of ``bash`` and ``sh``, and those between backticks in the text, must be ones that the command line takes; a few of them run.
+Names of modules, functions and classes between backticks must be there.
 """
 
 import contextlib
 import doctest
 import io
 import json
+import pkgutil
 import re
 import shlex
 import subprocess
@@ -17,7 +20,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.core import TyperCommand
 
+from pieper import errors
 from pieper.cli.main import main
 
 ROOT = Path(__file__).parents[1]
@@ -25,6 +30,13 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(python|pycon)\n(.*?)^```$(?:\n\n```text\n(.*?)^```$)?", re.MULTILINE | re.DOTALL)
 CONSOLE = re.compile(r"^```console\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SHOWN = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+SHELL = re.compile(r"^```(?:bash|sh)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+FENCED = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
+SPAN = re.compile(r"(?<!`)`([^`\n]+)`(?!`)")
+PLACEHOLDER = re.compile(r"(?<![\w-])[A-Z][A-Z0-9]*(?![\w.])|\.\.\.")  # `pieper VERB --help`
+DOTTED = re.compile(r"pieper(?:\.[A-Za-z_]\w*)+")
+NAMED_FILE = re.compile(r"^```yaml\n# (\S+\.yaml)\b.*?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+QUICK = ("docs/guides/planning.md", "docs/guides/pictures.md")  # their commands, but for films, run in a few seconds
 LINK = re.compile(r"\]\((?!https?://|#)([^)#\s]+)[^)]*\)")
 
 
@@ -42,6 +54,26 @@ def commands(page: Path) -> list[tuple[str, str]]:
             line, _, output = part.partition("\n")
             found.append((line, output))
     return found
+
+
+def typed(page: Path) -> list[str]:
+    """Each call of pieper in the blocks for a shell, with lines that go on joined."""
+    lines = "".join(SHELL.findall(page.read_text(encoding="utf-8"))).replace("\\\n", " ").splitlines()
+    return [line for line in lines if re.match(r"(?:\S+/)?pieper ", line)]
+
+
+def mentioned(page: Path) -> list[str]:
+    """Each call of pieper between backticks in the text that is written out: without VERB or FILE in it."""
+    text = FENCED.sub("", page.read_text(encoding="utf-8"))
+    return [span for span in SPAN.findall(text) if span.startswith("pieper ") and not PLACEHOLDER.search(span)]
+
+
+def call(line: str) -> tuple[int, str]:
+    """Exit code of a command line, and what it prints on both outputs."""
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
+        code = main(shlex.split(line, comments=True)[1:])
+    return code, printed.getvalue()
 
 
 def name(page: Path) -> str:
@@ -80,16 +112,73 @@ def test_commands_print_what_is_said(page: Path, tmp_path: Path, monkeypatch: py
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
     for line, expected in commands(page):
-        program, *arguments = shlex.split(line)
-        assert program == "pieper", f"{line}: only pieper can be run here; put other commands in a bash block"
-        printed = io.StringIO()
-        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
-            code = main(arguments)
-        got = printed.getvalue() + (f"(exit code {code})\n" if code else "")
+        assert line.startswith("pieper "), f"{line}: only pieper can be run here; put other commands in a bash block"
+        code, printed = call(line)
+        got = printed + (f"(exit code {code})\n" if code else "")
         assert doctest.OutputChecker().check_output(expected, got, SHOWN), f"$ {line}\n{got}"
 
 
-@pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"], ids=name)
+@pytest.mark.parametrize("page", [p for p in PAGES if typed(p) or mentioned(p)], ids=name)
+def test_commands_are_ones_that_the_command_line_takes(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(TyperCommand, "invoke", lambda *_: 0)  # arguments are read, and nothing is done
+    for line in typed(page):
+        code, said = call(line)
+        assert code == 0, f"{line}\n{said}"
+    for line in mentioned(page):  # `pieper track` in a sentence goes without its video
+        code, said = call(line)
+        assert code == 0 or "Missing " in said, f"{line}\n{said}"
+
+
+def test_a_command_with_an_option_that_is_not_there_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(TyperCommand, "invoke", lambda *_: 0)
+    assert call("pieper ik ur5e 0.4 0.2 0.3 --rpy 180 0 0 --deg") == (0, "")
+    code, said = call("pieper ik ur5e 0.4 0.2 0.3 --roll 180")
+    assert code == 2
+    assert "--roll" in said
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if name(p) in QUICK], ids=name)
+def test_quick_commands_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for file, text in NAMED_FILE.findall(page.read_text(encoding="utf-8")):
+        (tmp_path / file).write_text(text, encoding="utf-8")
+    lines = [line for line in typed(page) if not re.search(r"\.(?:mp4|gif)\b", line)]
+    assert lines
+    for line in lines:
+        code, said = call(line)
+        assert code == 0, f"{line}\n{said}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_names_between_backticks_are_there(page: Path) -> None:
+    text = FENCED.sub("", page.read_text(encoding="utf-8"))
+    for span in SPAN.findall(text):
+        if found := DOTTED.match(span):
+            pkgutil.resolve_name(found[0])  # ModuleNotFoundError or AttributeError says which is gone
+
+
+def test_guides_are_listed_by_task_and_lead_to_the_tutorials() -> None:
+    folder = ROOT / "docs" / "guides"
+    text = {page.name: page.read_text(encoding="utf-8") for page in folder.glob("*.md")}
+    for page in text.keys() - {"index.md", "coming_from.md"}:
+        assert f"]({page})" in text["index.md"], f"docs/guides/index.md does not list {page}"
+    for tutorial in {*(ROOT / "docs" / "tutorials").glob("*.md")} - {ROOT / "docs" / "tutorials" / "index.md"}:
+        assert any(f"../tutorials/{tutorial.name}" in page for page in text.values()), (
+            f"no guide links to {tutorial.name}"
+        )
+
+
+def test_every_error_is_on_its_page() -> None:
+    page = (ROOT / "docs" / "guides" / "errors.md").read_text(encoding="utf-8")
+    for error in vars(errors).values():
+        if isinstance(error, type) and issubclass(error, (errors.PieperError, errors.PieperWarning)):
+            assert f"`{error.__name__}`" in page
+
+
+OTHER_PAGES = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", ROOT / "examples" / "README.md"]
+
+
+@pytest.mark.parametrize("page", [*PAGES, *OTHER_PAGES], ids=name)
 def test_links_lead_somewhere(page: Path) -> None:
     for target in LINK.findall(page.read_text(encoding="utf-8")):
         assert (page.parent / target).exists(), f"{name(page)} links to {target}, which is not there"

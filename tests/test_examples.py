@@ -1,5 +1,6 @@
 """Every example runs by itself, says something, and warns of nothing."""
 
+import ast
 import os
 import subprocess
 import sys
@@ -24,3 +25,11 @@ def test_example_runs(example: Path, tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     assert result.stdout.strip()
     assert not result.stderr
+
+
+def test_the_list_of_examples_has_each_with_its_own_words() -> None:
+    listed = (EXAMPLES[0].parent / "README.md").read_text(encoding="utf-8").splitlines()
+    for example in EXAMPLES:
+        words = ast.get_docstring(ast.parse(example.read_text(encoding="utf-8"))) or ""
+        said = " ".join(words.partition("\n\n")[0].split())
+        assert f"| [{example.stem}]({example.name}) | {said} |" in listed

@@ -160,6 +160,7 @@ NOTHING = (
     Case("from pieper.motion import ompl_search; ompl_search._ompl()", "ompl", "plan"),
     Case(f"{ARM}from pieper.motion.timing import time_waypoints; time_waypoints(arm.chain, [q, [0.1] * 6])", "ruckig", "plan"),
     Case("from pieper.motion.world import read_world; read_world('world.yaml')", "PyYAML", "plan"),
+    Case("from pieper.motion.world import World, write_world; write_world('w.yaml', World(()))", "PyYAML", "plan"),
     Case("from pieper.tasks.pick_file import read_pick_task; read_pick_task('world.yaml')", "PyYAML", "sim"),
     Case("from pieper.workspace.store import open_store; open_store('map.zarr')", "zarr", "maps"),
     Case(f"{MAP}boundary(found)", "scikit-image", "maps"),

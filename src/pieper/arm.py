@@ -90,8 +90,35 @@ class Arm:
     ) -> FloatArray:
         """Pose of the tip, or of frame `up_to`, in the base frame: (..., n) -> (..., 4, 4).
 
-        See `pieper.kinematics.fk.fk`.
+        Parameters
+        ----------
+        q : (..., n) array_like
+            Joint values [rad or m], in the order of `joint_names`.
+        up_to : str or int, optional
+            Another frame than the tip: its name, or how many joints come before it.
+        out : (..., 4, 4) array, optional
+            Where to write the poses.
+        threads : int
+            How many to use for large batches.
 
+        Returns
+        -------
+        (..., 4, 4) array
+            ``T_base_tip`` [m, -].
+
+        Raises
+        ------
+        ArrayError
+            A wrong shape, or a number that is not finite.
+        UnknownNameError
+            No frame `up_to`; the message lists those there are.
+
+        See Also
+        --------
+        pieper.kinematics.fk.fk : the same for a chain, with the formula.
+
+        Examples
+        --------
         >>> load("ur5e").fk([-1.28, 4.41, 1.54, -1.16, -1.56, 0.0])[:3, 3].round(6) + 0.0
         array([ 0.224996, -0.28312 ,  0.589463])
         """
@@ -103,34 +130,37 @@ class Arm:
         return _fk.fk(self.chain, q, up_to=up_to, out=out, threads=threads)
 
     def fk_frames(self, q: ArrayLike, *, frames: Sequence[str | int] | None = None) -> FloatArray:
-        """Poses of every frame of the chain, (..., k, 4, 4). See `pieper.kinematics.fk.fk_frames`."""
+        """Poses of every frame of the chain for joint values (..., n): (..., k, 4, 4). See `pieper.kinematics.fk.fk_frames`."""
         return _fk.fk_frames(self.chain, q, frames=frames)
 
     def jacobian(self, q: ArrayLike, *, out: FloatArray | None = None, threads: int = 1) -> FloatArray:
-        """Geometric Jacobian in base axes, (..., 6, n), linear part first. See `pieper.kinematics.jacobian.jacobian`."""
+        """Geometric Jacobian in base axes for joint values (..., n): (..., 6, n), linear part first.
+
+        Its rows are metres, then radians, per radian or metre of a joint. See `pieper.kinematics.jacobian.jacobian`.
+        """
         try:
             return self.chain.native.jacobian(q, out, threads)
         except TypeError:
             return _jacobian.jacobian(self.chain, q, out=out, threads=threads)
 
     def jacobian_space(self, q: ArrayLike, *, out: FloatArray | None = None, threads: int = 1) -> FloatArray:
-        """Space Jacobian, (..., 6, n): twists in the base frame."""
+        """Space Jacobian, (..., n) -> (..., 6, n): twists in the base frame. See `pieper.kinematics.jacobian.jacobian_space`."""
         return _jacobian.jacobian_space(self.chain, q, out=out, threads=threads)
 
     def jacobian_body(self, q: ArrayLike, *, out: FloatArray | None = None, threads: int = 1) -> FloatArray:
-        """Body Jacobian, (..., 6, n): twists in the tip frame."""
+        """Body Jacobian, (..., n) -> (..., 6, n): twists in the tip frame. See `pieper.kinematics.jacobian.jacobian_body`."""
         return _jacobian.jacobian_body(self.chain, q, out=out, threads=threads)
 
     def jacobian_rate(self, q: ArrayLike, dq: ArrayLike) -> FloatArray:
-        """Time derivative of the geometric Jacobian, (..., 6, n)."""
+        """Time derivative of the geometric Jacobian at `q` (..., n) with velocities `dq` (..., n): (..., 6, n). See `pieper.kinematics.jacobian.jacobian_rate`."""
         return _jacobian.jacobian_rate(self.chain, q, dq)
 
     def hessian(self, q: ArrayLike) -> FloatArray:
-        """Derivative of the geometric Jacobian by each joint, (..., n, 6, n)."""
+        """Derivative of the geometric Jacobian by each joint, (..., n) -> (..., n, 6, n). See `pieper.kinematics.jacobian.hessian`."""
         return _jacobian.hessian(self.chain, q)
 
     def manipulability(self, q: ArrayLike, *, threads: int = 1) -> Any:
-        """Yoshikawa's manipulability, (...)."""
+        """Yoshikawa's manipulability, (..., n) -> (...); 0 at a singular pose. See `pieper.kinematics.jacobian.manipulability`."""
         return _jacobian.manipulability(self.chain, q, threads=threads)
 
     # --- how to get there
@@ -151,14 +181,46 @@ class Arm:
         return self._solver.info
 
     def ik(self, T_base_tip: ArrayLike | Target, seed: ArrayLike | None = None, **options: Any) -> IKSolutions:
-        """Every joint vector that brings the tip to `T_base_tip`, (..., 4, 4). See `pieper.ik.solve.solve` for options.
+        """Every joint vector that brings the tip to a target, each with its own measured error.
 
+        Parameters
+        ----------
+        T_base_tip : (..., 4, 4) array_like, or Target
+            Poses of the tip in the base frame [m, -]; or less than a pose, from `pieper.ik.target`.
+        seed : (..., n) array_like, optional
+            Joint values [rad or m] that the answers are brought near to by whole turns, the nearest first.
+        **options
+            As for `pieper.ik.solve.solve`.
+
+        Returns
+        -------
+        IKSolutions
+            ``q`` (..., k, n), padded with NaN; which are ``valid``; errors in metres and radians; names of branches.
+            A target out of reach is a result, with the nearest pose, and no exception.
+
+        Raises
+        ------
+        ArrayError
+            Something that is no pose, a wrong shape, a number that is not finite.
+
+        See Also
+        --------
+        pieper.ik.solve.solve : the same for a chain, with all options.
+
+        Examples
+        --------
         >>> arm = load("ur5e")
         >>> answers = arm.ik(arm.fk([0.1, -1.2, 1.4, -1.7, -1.5, 0.3]))
         >>> int(answers.count), answers.labels[0]
         (8, 'front, elbow up, no flip')
         """
-        return self._solver.solve(T_base_tip, seed, **options)
+        try:
+            return self._solver.solve(T_base_tip, seed, **options)
+        except TypeError:
+            from pieper.ik.solve import check_options
+
+            check_options(options)
+            raise
 
     def self_motion(self, T_base_tip: ArrayLike, **options: Any) -> list[SolutionCurve]:
         """The curves along which an arm with seven joints can move while its tip stays at `T_base_tip`, (4, 4).
@@ -175,6 +237,20 @@ class Arm:
         Whole turns of joints count: the copy nearest to `q` is given. With seven joints it is the nearest point of the curves of
         solutions, not of samples, and takes a fraction of a second. At poses of six joints where one is free, as with a straight
         wrist, it is the answer that grows out of `q`, near but not always nearest.
+
+        Parameters
+        ----------
+        T_base_tip : (4, 4) array_like
+            One pose of the tip in the base frame [m, -].
+        q : (n,) array_like
+            Where the arm is [rad or m].
+        within_limits : bool
+            Whether to look inside the joint limits only.
+
+        Returns
+        -------
+        (n,) array
+            Joint values [rad or m].
 
         Raises
         ------
@@ -210,7 +286,7 @@ class Arm:
         return np.asarray(answers.q[int(np.argmin(np.where(usable, distance, np.inf)))])
 
     def project(self, target: ArrayLike | Target) -> Projections:
-        """The poses nearest to a target that an arm with five joints can take: position exact, angle least.
+        """The poses nearest to a target, (..., 4, 4), that an arm with five joints can take: position exact, angle least.
 
         See `pieper.ik.projection.project`.
         """
@@ -221,16 +297,17 @@ class Arm:
     # --- a changed arm
 
     def with_tool(self, T_tip_tool: ArrayLike, *, name: str = "tool") -> Arm:
-        """The arm with a tool: its tip becomes ``T_base_tip @ T_tip_tool``."""
+        """The arm with a tool, at `T_tip_tool` (4, 4) [m, -] in the frame of its tip: the tip becomes ``T_base_tip @ T_tip_tool``."""
         return Arm(self.chain.with_tool(T_tip_tool, name=name), self.description)
 
     def with_base(self, T_world_base: ArrayLike, *, name: str = "world") -> Arm:
-        """The arm mounted at `T_world_base`: poses are given in the world frame from now on."""
+        """The arm mounted at `T_world_base`, (4, 4) [m, -]: poses are given in the world frame from now on."""
         return Arm(self.chain.with_base(T_world_base, name=name), self.description)
 
     def lock(self, joints: Mapping[str, float] | None = None, /, **more: float) -> Arm:
         """A smaller arm with joints held: ``arm.lock(joint_4_r=0.0)``, or a mapping for names that are no identifiers."""
-        return Arm(self.chain.lock(**{**(joints or {}), **more}), self.description)
+        held = {str(name): value for name, value in {**(joints or {}), **more}.items()}
+        return Arm(self.chain.lock(**held), self.description)
 
     def __repr__(self) -> str:
         return f"Arm({self.name!r}, {self.dof} joints, {self.base!r} -> {self.tip!r})"
@@ -314,7 +391,7 @@ def _describe(
         raise DescriptionError(
             type(what).__name__,
             "robot",
-            "expected a built-in name, a file, URDF text, a Description, a Chain or a DhTable",
+            "expected a built-in name, a file name, URDF text, a Description, a Chain or a DhTable",
         )
     path = Path(what)
     if path.suffix == ".xacro":

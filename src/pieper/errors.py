@@ -108,6 +108,24 @@ class PieperWarning(UserWarning):
 def unknown_name(kind: str, name: str, known: Iterable[str], where: str = "") -> UnknownNameError:
     """Build the error for a name that is not there, with near matches first.
 
+    Parameters
+    ----------
+    kind : str
+        What it should have been the name of, in the singular: ``"joint"``.
+    name : str
+        What came.
+    known : iterable of str
+        The names that there are.
+    where : str
+        What they are the names in, for the message.
+
+    Returns
+    -------
+    UnknownNameError
+        To be raised by the caller.
+
+    Examples
+    --------
     >>> print(unknown_name("joint", "elbw", ["shoulder", "elbow"], "chain 'ur5e'"))
     no joint 'elbw' in chain 'ur5e'; did you mean 'elbow'? joints are: shoulder, elbow
     """

@@ -123,7 +123,7 @@ class Section:
         return number
 
     def array(self, key: str, shape: tuple[int | None, ...], default: Any = _MISSING) -> NDArray[np.float64]:
-        """Return finite numbers in nested lists of a shape, in which None stands for any length."""
+        """Return finite numbers in nested lists of a shape, such as (None, 3), in which None stands for any length."""
         if key not in self._rows:
             return self._default(key, default)  # type: ignore[no-any-return]
         values = self._nested(key, self._rows[key], len(shape))
@@ -356,7 +356,7 @@ def _plain(yaml: Any, source: _Source, events: Any) -> None:
             raise _error(source, event, "", "holds a second document; one is read")
 
 
-def write_yaml(path: str | Path, data: Mapping[str, Any], *, comment: str = "") -> None:
+def write_yaml(path: str | Path, data: Mapping[str, Any], *, comment: str = "", extra: str = "perception") -> None:
     """Write a section of fields, whole or not at all.
 
     Parameters
@@ -367,6 +367,8 @@ def write_yaml(path: str | Path, data: Mapping[str, Any], *, comment: str = "") 
         Text, numbers, booleans, None, arrays, and mappings and sequences of those, in the order in which they are to be read.
     comment : str
         Lines for people, written above as comments.
+    extra : str
+        As in `read_yaml`.
 
     Raises
     ------
@@ -374,17 +376,17 @@ def write_yaml(path: str | Path, data: Mapping[str, Any], *, comment: str = "") 
         The file cannot be written; what was there before stays.
     """
     head = "".join(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
-    write_text(path, head + as_yaml(data))
+    write_text(path, head + as_yaml(data, extra=extra))
 
 
-def as_yaml(data: Mapping[str, Any]) -> str:
+def as_yaml(data: Mapping[str, Any], *, extra: str = "perception") -> str:
     """Return the text that `write_yaml` writes.
 
     >>> print(as_yaml({"name": "red", "mean": np.array([0.5, 2.0])}), end="")
     name: red
     mean: [0.5, 2.0]
     """
-    yaml = _yaml()
+    yaml = _yaml(extra)
 
     class Dumper(yaml.SafeDumper):  # type: ignore[misc, name-defined]
         def ignore_aliases(self, data: Any) -> bool:

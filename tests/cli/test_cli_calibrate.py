@@ -75,7 +75,7 @@ def test_a_field_from_corners(pieper_command, scene, tmp_path):
     out, picture = tmp_path / "field.yaml", tmp_path / "field.png"
     lens = ["--camera", tmp_path / "camera.yaml"]
     result = pieper_command(
-        "calibrate-field", scene, *lens, *corners(), "--field", "1.5x1.3", "--out", out, "--picture", picture
+        "calibrate-field", scene, *lens, *corners(), "--field-size", "1.5x1.3", "--out", out, "--picture", picture
     )
     assert result.code == 0, result.err
     assert "residual  RMS 0.00 mm" in result.out
@@ -133,7 +133,7 @@ def test_a_field_that_cannot_be_found(pieper_command, scene, tmp_path):
         ([*lens, *corners(uv=straight)], "the pixels lie on one line"),
         ([*lens, *corners(CORNERS * (1, -1))], "mirrored order"),
         ([*lens, "--corner", "1,2,3"], "--corner must be u,v=x,y in pixels and metres"),
-        ([*lens, *corners(), "--field", "big"], "--field must be length x width"),
+        ([*lens, *corners(), "--field-size", "big"], "--field-size must be length x width"),
         ([*lens, *corners(), "--camera-height", "2"], "--camera tells the lens"),
         ([*lens, "--lines", "vsss", "--tags", "t.yaml"], "give one of them"),
         ([*lens, "--lines", "vss"], "no field 'vss'; did you mean 'vsss'"),

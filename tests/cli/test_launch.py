@@ -148,6 +148,22 @@ def test_ur_types(pieper_command, launched, line):
     assert "{name: [shoulder_pan_joint], position: [0.5]}" in result.out
 
 
+def test_the_code_of_a_node_is_the_code_of_the_command(pieper_command, monkeypatch):
+    failing = {"one": python("raise SystemExit(3)"), "two": python(PATIENT)}
+    monkeypatch.setattr(launch, "commands", lambda *_, **__: failing)
+    result = pieper_command("launch", "inverse", "--arm", "mh12")
+    assert result.code == 3
+    assert "process has died" in result.out
+
+
+def test_what_fails_while_it_is_asked_to_end_is_told():
+    failing = "import signal, sys, time; signal.signal(signal.SIGTERM, lambda *_: sys.exit(3)); print('ready'); time.sleep(60)"
+    lines = Lines().when("] ready", 1, lambda: started.stop())
+    started = Launch({"one": python(failing)}, lines)
+    assert started.run() == 3
+    assert any("process has died" in line and "exit code 3" in line for line in lines)
+
+
 def test_what_is_for_the_nodes_gets_there(pieper_command, launched):
     line = "launch inverse --arm mh12 method:=report --domain 3 --network --backend bare --ros-args -r __ns:=/cell2"
     assert pieper_command(*line.split()).code == 0

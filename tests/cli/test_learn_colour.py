@@ -166,7 +166,7 @@ def test_what_is_wrong_with_the_words_is_said(pieper_command, folder, tmp_path):
 
 def test_a_preview_shows_frame_and_findings(pieper_command, folder, tmp_path):
     path = tmp_path / "p.png"
-    assert pieper_command("learn-colour", folder, *ALL, "--out", tmp_path / "c.yaml", "--preview", path).code == 0
+    assert pieper_command("learn-colour", folder, *ALL, "--out", tmp_path / "c.yaml", "--picture", path).code == 0
     assert cv2.imread(str(path)).shape == (100, 360, 3)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import signal
 import subprocess
 import sys
 
@@ -45,7 +47,7 @@ def test_without_arguments_it_helps(pieper_command) -> None:
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["fkk", "mh12"], "No such command 'fkk'"),
+        (["fkk", "mh12"], "no verb 'fkk'; did you mean 'fk'?"),
         (["fk"], "Missing argument 'ARM'; see: pieper fk --help"),
         (["fk", "mh12", "0", "zero"], "see: pieper fk --help"),
         (["fk", "mh12", "--sede", "3"], "No such option: --sede"),
@@ -106,6 +108,45 @@ def test_interrupted(pieper_command, monkeypatch: pytest.MonkeyPatch) -> None:
     result = pieper_command("fk", "mh12", 0)
     assert result.code == command.INTERRUPTED
     assert "pieper: interrupted" in result.err
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has other signals")
+def test_an_order_to_end_is_taken_as_ctrl_c(pieper_command, monkeypatch: pytest.MonkeyPatch) -> None:
+    def ended(*_: object, **__: object) -> None:
+        signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr(pieper, "load", ended)
+    before = signal.getsignal(signal.SIGTERM)
+    assert pieper_command("fk", "mh12", 0).code == command.INTERRUPTED
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.mark.parametrize("module", ["typer", "pieper.cli.main", "numpy"])
+def test_ctrl_c_while_modules_are_imported(module: str) -> None:
+    code = f"""
+import sys
+
+class Interrupting:
+    def find_spec(self, name, *_):
+        if name == {module!r}:
+            raise KeyboardInterrupt
+
+sys.meta_path.insert(0, Interrupting())
+from pieper.__main__ import main
+sys.argv[1:] = ["fk", "mh12", "0", "0", "0", "0", "0", "0"]
+sys.exit(main())
+"""
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
+    assert (result.returncode, result.stdout, result.stderr) == (130, "", "pieper: interrupted\n")
+
+
+def test_an_error_is_one_line_of_json_where_json_was_asked_for(pieper_command) -> None:
+    result = pieper_command("fk", "mh13", 0, "--json")
+    assert (result.code, result.out) == (command.BAD_INPUT, "")
+    (line,) = result.err.splitlines()
+    error = json.loads(line)
+    assert error["error"].startswith("no robot 'mh13'; did you mean 'mh12'?")
+    assert (error["kind"], error["exit_code"]) == ("UnknownNameError", command.BAD_INPUT)
 
 
 def test_the_same_warning_is_told_once(pieper_command, tmp_path) -> None:

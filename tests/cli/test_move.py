@@ -142,5 +142,5 @@ def test_an_arm_with_five_joints_goes_to_a_position_and_an_axis(tmp_path):
 def test_a_plot_is_drawn(tmp_path):
     pytest.importorskip("matplotlib", reason="the extra plot is not installed")
     file = tmp_path / "move.png"
-    assert main(["move", "ur5e", "--from", START, "--to", "0,-1,1,0,0,0", "--plot", str(file)]) == 0
+    assert main(["move", "ur5e", "--from", START, "--to", "0,-1,1,0,0,0", "--figure", str(file)]) == 0
     assert file.read_bytes().startswith(b"\x89PNG")

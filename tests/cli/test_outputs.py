@@ -16,7 +16,7 @@ def film(tmp_path):
 @pytest.mark.parametrize(
     ("verb", "option"),
     [
-        *(("learn-colour", option) for option in ("--out", "--save-rois", "--preview")),
+        *(("learn-colour", option) for option in ("--out", "--save-rois", "--picture")),
         *((f"calibrate-{what}", option) for what in ("camera", "field") for option in ("--out", "--picture")),
     ],
 )
@@ -43,11 +43,11 @@ def test_links_and_other_spellings_are_the_same_file(film, tmp_path):
     link.symlink_to(film)
     for name in (link, tmp_path / "." / "x" / ".." / "film.mp4"):
         (tmp_path / "x").mkdir(exist_ok=True)
-        with pytest.raises(PieperError, match=r"--video .* is what is read"):
-            keep_apart([film, "rtsp://nowhere", "0", None], {"--video": name})
+        with pytest.raises(PieperError, match=r"--record .* is what is read"):
+            keep_apart([film, "rtsp://nowhere", "0", None], {"--record": name})
 
 
 def test_two_outputs_are_two_files(tmp_path):
-    with pytest.raises(PieperError, match=r"--out and --preview both name"):
-        keep_apart([], {"--out": tmp_path / "a", "--save-rois": None, "--preview": tmp_path / "b" / ".." / "a"})
-    keep_apart(["a\0b"], {"--out": tmp_path / "a", "--preview": tmp_path / "b"})
+    with pytest.raises(PieperError, match=r"--out and --picture both name"):
+        keep_apart([], {"--out": tmp_path / "a", "--save-rois": None, "--picture": tmp_path / "b" / ".." / "a"})
+    keep_apart(["a\0b"], {"--out": tmp_path / "a", "--picture": tmp_path / "b"})

@@ -143,6 +143,35 @@ def test_ctrl_c_keeps_what_was_done(tmp_path):
     assert len(log.read_text().splitlines()) == 1
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="orders to end are signals elsewhere")
+def test_an_order_to_end_does_not_wait_for_a_film(tmp_path):
+    film = tmp_path / "film.gif"
+    command = [
+        sys.executable,
+        "-m",
+        "pieper",
+        "pick",
+        "--arm",
+        "mh12",
+        "--cycles",
+        "500",
+        "--record",
+        str(film),
+        "--fps",
+        "5",
+    ]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+        for line in run.stdout:
+            if "move " in line:
+                run.send_signal(signal.SIGTERM)
+                break
+        out, err = run.communicate(timeout=60)
+    assert run.returncode == 130
+    assert f"asked to end: {film} is not written" in out
+    assert "interrupted" in err
+    assert not list(tmp_path.iterdir())
+
+
 def test_by_sight(capsys, tmp_path):
     pytest.importorskip("cv2", reason="OpenCV is not installed")
     film = tmp_path / "see.gif"

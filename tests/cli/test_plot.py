@@ -7,7 +7,7 @@ import pieper
 from pieper.motion import files
 from pieper.motion.trajectory import Trajectory
 
-SEED = "--seed=-1.28,4.41,1.54,-1.16,-1.56,0"
+SEED = "--from=-1.28,4.41,1.54,-1.16,-1.56,0"
 ITERATION = ("--from-iteration", "--target", 0.5, -0.6, 0.2, "--orientation", "hold", SEED)
 
 
@@ -30,7 +30,7 @@ def motion(request, tmp_path):
 
 
 def test_row_e7_on_the_command_line(pieper_command, tmp_path):
-    result = pieper_command("plot", "path", "ur5e", *ITERATION, "--k1", 0.1, "--k1", 1, "--save", "e7.svg")
+    result = pieper_command("plot", "path", "ur5e", *ITERATION, "--k1", 0.1, "--k1", 1, "--out", "e7.svg")
     assert result.code == 0
     assert result.out.splitlines() == [
         "k1 = 0.1: 62 points, at most 0.0101 m off the straight line",
@@ -42,7 +42,7 @@ def test_row_e7_on_the_command_line(pieper_command, tmp_path):
 
 def test_row_b13_on_the_command_line(pieper_command):
     arguments = ("--from-iteration", "--target", 0.3, 0.3, 0.3, "--alpha", 0.06, "--iterations", 255)
-    result = pieper_command("plot", "error", "mh12-report", *arguments, "--save", "b13.pdf")
+    result = pieper_command("plot", "error", "mh12-report", *arguments, "--out", "b13.pdf")
     assert result.code == 0
     assert result.out == "TCP trajectory: 1.64e-07 m left after 255 steps\n"
 
@@ -51,7 +51,7 @@ def test_row_b17_on_the_command_line(pieper_command, tmp_path):
     for question in ("fk", "ik"):
         file = f"{question}.png"
         result = pieper_command(
-            "plot", "compare", "mh12-report", "mh12", "--question", question, "--samples", 9, "--save", file
+            "plot", "compare", "mh12-report", "mh12", "--question", question, "--samples", 9, "--out", file
         )
         assert result.code == 0
         assert "joint_5_b = -joint_5_b_inverted: their axes are opposite" in result.out
@@ -60,13 +60,15 @@ def test_row_b17_on_the_command_line(pieper_command, tmp_path):
 
 @pytest.mark.parametrize("verb", ["path", "joints", "manipulability"])
 def test_files_are_drawn(pieper_command, motion, tmp_path, verb):
-    result = pieper_command("plot", verb, "ur5e", "--trajectory", motion, "--deg", "--dark", "--save", "out.png")
+    result = pieper_command(
+        "plot", verb, "ur5e", "--trajectory", motion, "--deg", "--theme", "dark", "--out", "out.png"
+    )
     assert result.code == 0, result.err
     assert (tmp_path / "out.png").stat().st_size > 10_000
 
 
 def test_the_error_of_a_file_is_the_distance_to_the_target(pieper_command, motion):
-    asked = ("plot", "error", "ur5e", "--trajectory", motion, "--save", "error.svg")
+    asked = ("plot", "error", "ur5e", "--trajectory", motion, "--out", "error.svg")
     assert pieper_command(*asked, "--target", 0.5, 0.2, 0.3).code == 0
     refused = pieper_command(*asked)
     assert refused.code == 2
@@ -74,8 +76,8 @@ def test_the_error_of_a_file_is_the_distance_to_the_target(pieper_command, motio
 
 
 def test_a_target_that_is_not_reached_is_drawn_and_code_1(pieper_command, tmp_path):
-    arguments = ("--from-iteration", "--target", 5, 0, 0.2, "--k1", 0.1, "--iterations", 30, "--stop", 1e-3)
-    result = pieper_command("plot", "path", "ur5e", *arguments, "--save", "far.png")
+    arguments = ("--from-iteration", "--target", 5, 0, 0.2, "--k1", 0.1, "--iterations", 30, "--tolerance", 1e-3)
+    result = pieper_command("plot", "path", "ur5e", *arguments, "--out", "far.png")
     assert result.code == 1
     assert "not reached, " in result.err
     assert (tmp_path / "far.png").exists()
@@ -85,7 +87,7 @@ def test_the_orientation_is_reached_too(pieper_command):
     arm = pieper.load("ur5e")
     T = arm.fk(np.array([-1.28, 4.41, 1.54, -1.16, -1.56, 0.0]) + 0.2)
     rpy = pieper.spatial.rotation.as_rpy(T[:3, :3])
-    asked = ("plot", "error", "ur5e", "--from-iteration", "--target", *T[:3, 3], SEED, "--save", "both.svg")
+    asked = ("plot", "error", "ur5e", "--from-iteration", "--target", *T[:3, 3], SEED, "--out", "both.svg")
     assert pieper_command(*asked, "--orientation", "reach", "--rpy", *rpy).code == 0
     for alone in (("--orientation", "reach"), ("--rpy", *rpy)):
         refused = pieper_command(*asked, *alone)
@@ -97,30 +99,30 @@ def test_the_orientation_is_reached_too(pieper_command):
     ("arguments", "complaint"),
     [
         (["pth"], "no figure 'pth'; did you mean 'path'?"),
-        (["path", "ur5f", *ITERATION, "--save", "a.png"], "no robot 'ur5f'; did you mean"),
-        (["path", "ur5e", *ITERATION, "--save", "a.jpg"], "written as .png, .pdf or .svg"),
-        (["path", "ur5e", *ITERATION, "--save", "nowhere/a.png"], "nowhere: no such folder"),
-        (["path", "ur5e", *ITERATION, "--save", "folder.png"], "folder.png: is a folder"),
-        (["path", "ur5e", *ITERATION], "no screen to show a figure on; write it to a file with --save FILE"),
-        (["path", "ur5e", "--save", "a.png"], "give one of --trajectory FILE and --from-iteration"),
-        (["path", "ur5e", "--from-iteration", "--save", "a.png"], "needs a target: --target X Y Z"),
-        (["path", "ur5e", *ITERATION, "--trajectory", "good.csv", "--save", "a.png"], "give one of --trajectory"),
-        (["path", "ur5e", "--trajectory", "good.csv", "--trajectory", "good.csv", "--save", "a.png"], "given twice"),
-        (["path", "ur5e", *ITERATION, "--k1", -1, "--save", "a.png"], "k1 must be a positive number"),
-        (["path", "ur5e", *ITERATION, "--damping", "nan", "--save", "a.png"], "damping must be"),
-        (["path", "ur5e", "--from-iteration", "--target", "nan", 0, 0, "--save", "a.png"], "finite"),
-        (["path", "ur5e", "--trajectory", "missing.csv", "--save", "a.png"], "missing.csv: No such file"),
-        (["path", "ur5e", "--trajectory", "empty.csv", "--save", "a.png"], "empty.csv: is empty"),
-        (["path", "ur5e", "--trajectory", "names.csv", "--save", "a.png"], "names.csv: has no points"),
-        (["path", "ur5e", "--trajectory", "nan.csv", "--save", "a.png"], "nan.csv: q must be finite, got nan"),
-        (["path", "ur5e", "--trajectory", "other.csv", "--save", "a.png"], "other.csv: no joint 'elbow'"),
-        (["path", "ur5e", "--trajectory", "few.csv", "--save", "a.png"], "few.csv: the trajectory must have 6 columns"),
-        (["path", "ur5e", "--trajectory", "good.txt", "--save", "a.png"], "must end in .csv, .json, .npz"),
-        (["joints", "ur5e", *ITERATION, "--k1", 0.1, "--k1", 1, "--save", "a.png"], "joints draws one motion, got 2"),
-        (["compare", "ur5e", "panda", "--save", "a.png"], "no joint name in common"),
-        (["compare", "ur5e", "ur5", "--samples", 1, "--save", "a.png"], "samples must be at least 2"),
-        (["compare", "ur5e", "ur5", "--at", "1,2", "--save", "a.png"], "6 joints"),
-        (["compare", "ur5e", "ur5", "--at", "a,b", "--save", "a.png"], "--at must be numbers"),
+        (["path", "ur5f", *ITERATION, "--out", "a.png"], "no robot 'ur5f'; did you mean"),
+        (["path", "ur5e", *ITERATION, "--out", "a.jpg"], "written as .png, .pdf or .svg"),
+        (["path", "ur5e", *ITERATION, "--out", "nowhere/a.png"], "nowhere: no such folder"),
+        (["path", "ur5e", *ITERATION, "--out", "folder.png"], "folder.png: is a folder"),
+        (["path", "ur5e", *ITERATION], "no screen to show a figure on; write it to a file with --out FILE"),
+        (["path", "ur5e", "--out", "a.png"], "give one of --trajectory FILE and --from-iteration"),
+        (["path", "ur5e", "--from-iteration", "--out", "a.png"], "needs a target: --target X Y Z"),
+        (["path", "ur5e", *ITERATION, "--trajectory", "good.csv", "--out", "a.png"], "give one of --trajectory"),
+        (["path", "ur5e", "--trajectory", "good.csv", "--trajectory", "good.csv", "--out", "a.png"], "given twice"),
+        (["path", "ur5e", *ITERATION, "--k1", -1, "--out", "a.png"], "k1 must be a positive number"),
+        (["path", "ur5e", *ITERATION, "--damping", "nan", "--out", "a.png"], "damping must be"),
+        (["path", "ur5e", "--from-iteration", "--target", "nan", 0, 0, "--out", "a.png"], "finite"),
+        (["path", "ur5e", "--trajectory", "missing.csv", "--out", "a.png"], "missing.csv: No such file"),
+        (["path", "ur5e", "--trajectory", "empty.csv", "--out", "a.png"], "empty.csv: is empty"),
+        (["path", "ur5e", "--trajectory", "names.csv", "--out", "a.png"], "names.csv: has no points"),
+        (["path", "ur5e", "--trajectory", "nan.csv", "--out", "a.png"], "nan.csv: q must be finite, got nan"),
+        (["path", "ur5e", "--trajectory", "other.csv", "--out", "a.png"], "other.csv: no joint 'elbow'"),
+        (["path", "ur5e", "--trajectory", "few.csv", "--out", "a.png"], "few.csv: the trajectory must have 6 columns"),
+        (["path", "ur5e", "--trajectory", "good.txt", "--out", "a.png"], "must end in .csv, .json, .npz"),
+        (["joints", "ur5e", *ITERATION, "--k1", 0.1, "--k1", 1, "--out", "a.png"], "joints draws one motion, got 2"),
+        (["compare", "ur5e", "panda", "--out", "a.png"], "no joint name in common"),
+        (["compare", "ur5e", "ur5", "--samples", 1, "--out", "a.png"], "samples must be at least 2"),
+        (["compare", "ur5e", "ur5", "--at", "1,2", "--out", "a.png"], "6 joints"),
+        (["compare", "ur5e", "ur5", "--at", "a,b", "--out", "a.png"], "--at must be numbers"),
     ],
     ids=lambda value: " ".join(map(str, value))[:60] if isinstance(value, list) else "",
 )
@@ -152,13 +154,13 @@ def test_without_matplotlib_the_extra_is_named(pieper_command, monkeypatch):
     import sys
 
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    result = pieper_command("plot", "path", "ur5e", *ITERATION, "--save", "a.png")
+    result = pieper_command("plot", "path", "ur5e", *ITERATION, "--out", "a.png")
     assert result.code == 3
     assert "pip install 'pieper[plot]'" in result.err
 
 
 def test_an_iteration_that_goes_astray_is_told(pieper_command):
     asked = ("--from-iteration", "--target", 0.5, -0.6, 0.2, "--alpha", 1e200, "--iterations", 40)
-    result = pieper_command("plot", "path", "ur5e", *asked, "--save", "a.png")
+    result = pieper_command("plot", "path", "ur5e", *asked, "--out", "a.png")
     assert result.code == 2
     assert "q must not exceed 1e+15" in result.err

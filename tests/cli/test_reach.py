@@ -92,14 +92,14 @@ def test_a_seed_chooses_the_answer(pieper_command) -> None:
     T = arm.fk(q)
     target = ("ur5e", *T[:3, 3], "--quat", *rotation.as_quaternion(T[:3, :3]))
     seed = ",".join(str(value) for value in q + 0.05)
-    answer = pieper_command("reach", *target, "--seed", seed, "--json").json
+    answer = pieper_command("reach", *target, "--from", seed, "--json").json
     np.testing.assert_allclose(
         answer["q"], q, atol=1e-6
     )  # well conditioned: 1e-9 of pose is far less than 1e-6 of joint
     seed = " ".join(str(value) for value in np.degrees(q - 0.05))
-    answer = pieper_command("reach", *target, "--seed", seed, "--deg", "--json").json
+    answer = pieper_command("reach", *target, "--from", seed, "--deg", "--json").json
     np.testing.assert_allclose(answer["q"], q, atol=1e-6)
-    answers = pieper_command("ik", *target, "--seed", seed, "--deg", "--json").json["answers"]
+    answers = pieper_command("ik", *target, "--from", seed, "--deg", "--json").json["answers"]
     np.testing.assert_allclose(answers[0]["q"], q, atol=1e-6)
 
 
@@ -166,9 +166,9 @@ def test_on_a_terminal_the_same_answer_comes_after_the_steps(
         (["reach", "mh12", 0.3, 0.3, 0.3, "--quat", 0, 0, 0, 0], "quaternion"),
         (["reach", "mh12", 0.3, 0.3, 0.3, "--axis", 0, 0, 0], "length 0"),
         (["reach", "mh12", 0.3, 0.3, 0.3, "--axis", 0, "inf", 0], "finite"),
-        (["reach", "mh12", 0.3, 0.3, 0.3, "--seed", "1,2"], "6 joints"),
-        (["reach", "mh12", 0.3, 0.3, 0.3, "--seed", "a,b"], "--seed must be numbers"),
-        (["reach", "mh12", 0.3, 0.3, 0.3, "--seed", "nan,0,0,0,0,0"], "finite"),
+        (["reach", "mh12", 0.3, 0.3, 0.3, "--from", "1,2"], "6 joints"),
+        (["reach", "mh12", 0.3, 0.3, 0.3, "--from", "a,b"], "--from must be numbers"),
+        (["reach", "mh12", 0.3, 0.3, 0.3, "--from", "nan,0,0,0,0,0"], "finite"),
         (["ik", "mh12", 0.3, 0.3, 0.3, "--count", 0], "--count"),
     ],
 )

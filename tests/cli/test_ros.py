@@ -301,7 +301,7 @@ def test_pub_goes_on_until_it_is_ended(pieper_command, network):
 
 
 def test_pub_to_nobody(pieper_command, network):
-    result = pieper_command("ros", "pub", "target", "{}", "--once", "--wait", "0.5")
+    result = pieper_command("ros", "pub", "target", "{}", "--once", "--timeout", "0.5")
     assert result.code == 1
     assert "nobody listens to /target (geometry_msgs/msg/Point); waited 0.5 s" in result.err
 
@@ -323,7 +323,7 @@ def speak(network, topic="joint_states", type_name=JOINTS, **fields):
 
 def test_echo_prints_yaml(pieper_command, network):
     speak(network, name=["a", "b"], position=[0.5, float("nan")])
-    result = pieper_command("ros", "echo", "joint_states", "--count", "2")
+    result = pieper_command("ros", "echo", "joint_states", "--times", "2")
     assert (result.code, result.err) == (0, "")
     first, second, end = result.out.split("---\n")
     assert end == ""
@@ -402,7 +402,7 @@ def test_call_without_a_server(pieper_command, network):
         ("pub /target '{}' --qos lached", "no quality of service 'lached'"),
         ("pub 'two words' '{x: 1}' geometry", "expected a type and then all fields in one word"),
         ("echo /weather", "the type of topic '/weather' is not known"),
-        ("echo /target --count 0", "--count takes a count from 1 on"),
+        ("echo /target --times 0", "--times takes a count from 1 on"),
         ("echo /target --field q", "geometry_msgs/msg/Point has no field 'q'; its fields are: x, y, z"),
         ("echo /target --field x.y", "geometry_msgs/msg/Point.x has no field 'y'; its fields are: none"),
         ("call /enable std_srvs/srv/SetBoll", "did you mean 'std_srvs/srv/SetBool_Request'"),

@@ -12,7 +12,8 @@ import pieper.ros
 from pieper.cli import main as command
 from pieper.perception.color import ColorModel
 from pieper.perception.color_space import SPACES
-from pieper.perception.scene import COLORS, preset
+from pieper.perception.scene import COLORS
+from pieper.perception.scene_presets import preset
 from pieper.perception.synthetic import Renderer
 from pieper.ros.fake import FakeNetwork
 

@@ -16,7 +16,7 @@ from pieper.perception.estimate import Estimate
 from pieper.perception.output import create_tracks
 from pieper.perception.pass_marks import Mark
 
-SMALL = ("--size", "160x120", "--frames", "5")
+SMALL = ("--size", "160x120", "--count", "5")
 
 
 @pytest.fixture
@@ -80,7 +80,7 @@ def test_options_reach_the_scene(tmp_path, capsys):
     ([], "name a scene: clean"),
     (["clean", "--size", "big"], "--size must be width x height"),
     (["clean", "--size", "4x4"], "16 to 8192"),
-    (["clean", "--frames", "0"], "at least one frame"),
+    (["clean", "--count", "0"], "at least one frame"),
     (["clean", "--noise", "-1"], "noise is out of range: it must be from 0 to 255, got -1"),
     (["clean", "--seed", "-1"], "seed of a scene must be 0 or more"),
     (["clean", "--fps", "inf"], "a positive rate"),
@@ -107,7 +107,7 @@ def test_stopped_by_ctrl_c_the_files_are_whole(tmp_path):
         "clean",
         "--out",
         str(tmp_path),
-        "--frames",
+        "--count",
         "5000",
         "--size",
         "160x120",
@@ -154,8 +154,8 @@ def test_a_smaller_reach_finds_less(film, capsys):
 
 
 @pytest.mark.parametrize(("words", "said"), [
-    ([], "needs TRACKS and TRUTH, or --all"),
-    (["tracks.csv", "--all"], "leave the files out"),
+    ([], "needs TRACKS and TRUTH, or --marks"),
+    (["tracks.csv", "--marks"], "leave the files out"),
     (["none.csv", "none.jsonl"], "none"),
 ])  # fmt: skip
 def test_what_cannot_be_compared_is_said(tmp_path, capsys, monkeypatch, words, said):
@@ -170,7 +170,7 @@ def test_a_mark_that_is_missed_is_the_exit_code(tmp_path, capsys, monkeypatch):
     good, bad = Mark("centre", "px RMS", 0.01, 0.06, report=0.77), Mark("speed", "fps", 100.0, 500.0, at_least=True)
     for marks, code in (([good], 0), ([good, bad], 1)):
         monkeypatch.setattr(pass_marks, "measure", lambda marks=marks, **_: marks)
-        assert main(["evaluate", "--all", "--out", str(tmp_path / "marks.json")]) == code
+        assert main(["evaluate", "--marks", "--out", str(tmp_path / "marks.json")]) == code
         out = capsys.readouterr().out
         assert ("MISSED" in out) == bool(code)
         assert "0.77 px RMS" in out

@@ -25,9 +25,9 @@ def test_every_tab_at_once(pieper_command, tmp_path):
         1.5,
         0.5,
         1.5,
-        "--gain",
+        "--k1",
         0.1,
-        "--gain",
+        "--k1",
         0.5,
     ]
     result = pieper_command("view", "kr210", "--solve", *options, "--export", page)
@@ -51,7 +51,7 @@ def test_row_e7_an_iteration_for_each_gain():
         (["--compare", "panda"], "no joint name in common and 6 and 7 joints"),
         (["--compare", "kr210:repor"], "no DH table 'repor' in the records of 'kr210'; did you mean 'report'?"),
         (["--iterate", "nan", "0", "0"], "target must be finite, got nan"),
-        (["--iterate", "0.5", "0", "0", "--gain", "-1"], "k1 must be a positive number, got -1.0"),
+        (["--iterate", "0.5", "0", "0", "--k1", "-1"], "k1 must be a positive number, got -1.0"),
         (["--trajectory", "nothing.csv"], "nothing.csv"),
     ],
 )

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from pieper.perception.blobs import Blobs
-from pieper.perception.color_learning import Region, learn
+from pieper.perception.color_learning import learn
+from pieper.perception.color_regions import Region
 
 PAINT = {"red": (45, 40, 205), "blue": (205, 90, 25), "green": (95, 225, 60)}
 PLACES = {"red": [(30, 30), (90, 70)], "blue": [(90, 30), (30, 70)], "green": [(150, 30), (150, 70)]}

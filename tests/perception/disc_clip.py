@@ -7,7 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pieper.perception.color_learning import Region, learn
+from pieper.perception.color_learning import learn
+from pieper.perception.color_regions import Region
 from tests.perception.clips import write_clip
 
 SIZE = (200, 150)

@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from pieper.errors import UnknownNameError, VisionError
 from pieper.perception.board import Board
-from pieper.perception.calibration import BoardView, BoardViews, calibrate_camera, find_views
+from pieper.perception.board_views import BoardView, BoardViews, find_views
+from pieper.perception.calibration import calibrate_camera
 from pieper.perception.calibration_file import load_camera
 from pieper.perception.calibration_picture import camera_picture
 from pieper.perception.camera import Camera

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from pieper.errors import VisionError
 from pieper.perception.calibration_file import load_camera, load_field_size, load_view, save_camera, save_view
 from pieper.perception.camera import Camera
-from pieper.perception.field import load_tags
 from pieper.perception.field_lines import lines
 from pieper.perception.field_view import FieldView
+from pieper.perception.tags import load_tags
 from pieper.yaml_file import write_yaml
 from tests.perception.board_scene import overhead
 

@@ -10,9 +10,11 @@ from hypothesis import strategies as st
 from scipy.spatial.distance import mahalanobis
 
 from pieper.errors import ArrayError, UnknownNameError, VisionError
-from pieper.perception.color import Background, ColorModel, draw_color
-from pieper.perception.color_learning import Region, classified, learn, parse_region, read_regions
+from pieper.perception.color import Background, ColorModel
+from pieper.perception.color_learning import classified, learn
+from pieper.perception.color_regions import Region, parse_region, read_regions
 from pieper.perception.color_space import NOISE, OFFSET, SPACES, LogChroma, hsv_statistics, pooled
+from pieper.perception.drawn_color import draw_color
 from tests.perception.color_scenes import FIELD, PAINT, PLACES, box, frame, learned, share_found
 
 EXACT = 1e-9

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from pieper.errors import PieperError
-from pieper.perception.color_learning import Region
 from pieper.perception.color_page import LARGEST_BODY, ColorPage
+from pieper.perception.color_regions import Region
 from tests.perception.color_scenes import box, frame
 
 PATIENCE = 20.0  # [s]

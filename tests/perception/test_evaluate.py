@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from pieper.errors import VisionError
-from pieper.perception import pass_marks
-from pieper.perception import scene as scenes
+from pieper.perception import pass_marks, scene_presets
 from pieper.perception.estimate import Estimate
 from pieper.perception.evaluate import evaluate, tracked
 from pieper.perception.synthetic import Renderer
@@ -144,7 +143,7 @@ def test_everything_that_is_told_is_json():
 
 def test_A15_a_robots_position_has_a_number_on_a_film_in_which_it_is_hidden():
     """Seen: half a millimetre. Wholly hidden for half a second: 15 mm, and the same track before and after."""
-    result = pass_marks.hidden_for_half_a_second(scenes.preset("occlusion"))
+    result = pass_marks.hidden_for_half_a_second(scene_presets.preset("occlusion"))
     assert result["seconds"] >= 0.5
     assert result["largest"] < 15e-3
     assert result["kept"]
@@ -153,7 +152,7 @@ def test_A15_a_robots_position_has_a_number_on_a_film_in_which_it_is_hidden():
 
 
 def test_false_and_missed_sightings_are_as_many_as_asked():
-    scene = scenes.preset("crossing")
+    scene = scene_presets.preset("crossing")
     random = np.random.default_rng(5)
     robots = [pass_marks.Sighting("robot", robot.name, np.zeros(2), 0.0, np.eye(3)) for robot in scene.robots]
     counts = [len(pass_marks.spoiled(robots, scene, random)) for _ in range(2000)]
@@ -161,7 +160,7 @@ def test_false_and_missed_sightings_are_as_many_as_asked():
 
 
 def test_colours_are_learnt_in_the_light_of_the_first_frame():
-    scene = scenes.preset("light-ramp").but(frames=4)
+    scene = scene_presets.preset("light-ramp").but(frames=4)
     model = pass_marks.learned(scene)
     frame, truth = Renderer(scene)[0]
     table = model.table()
@@ -187,7 +186,7 @@ def test_a_board_is_drawn_where_the_camera_sees_it():
     from pieper.perception.board import Board
 
     board = Board.parse("chessboard:7x5:0.04")
-    camera = scenes.preset("lens").view.camera
+    camera = scene_presets.preset("lens").view.camera
     eye = pass_marks.BoardCamera(camera, board)
     until = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-4)
     for pose in pass_marks._poses(board, 2):

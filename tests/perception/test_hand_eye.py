@@ -13,10 +13,10 @@ from scipy.stats import chi2
 from scipy.stats import f as fisher
 
 import pieper
-from pieper.errors import UnknownNameError, VisionError
-from pieper.perception import hand_eye
+from pieper.errors import PieperWarning, UnknownNameError, VisionError
+from pieper.perception import hand_eye, hand_eye_forms
 from pieper.perception.board import Board
-from pieper.perception.calibration import BoardView
+from pieper.perception.board_views import BoardView
 from pieper.perception.camera import Camera
 from pieper.perception.capture_plan import plan_captures
 from pieper.perception.hand_eye import board_pose, calibrate_hand_eye, calibrate_hand_eye_from_views
@@ -126,6 +126,44 @@ def test_what_is_missing_is_said():
     assert "missing" in report
 
 
+def test_poses_that_repeat_others_are_named_and_not_counted():
+    _, _, hands, seen = made_up(10, 4, noise=(1e-4, 1e-4))
+    again = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 2, 9, 2])
+    with pytest.warns(PieperWarning, match="pose 10 repeats pose 3, pose 12 repeats pose 3: what is seen twice"):
+        found = calibrate_hand_eye(hands[again], seen[again])
+    assert found.missing == ()
+    assert "doubt     pose 10 repeats pose 3" in found.report()
+    with pytest.warns(PieperWarning, match="pose 10 repeats pose 3"):
+        fewer = calibrate_hand_eye(hands[again[:-2]], seen[again[:-2]])
+    assert "9 poses say little" in fewer.missing[0]  # of ten
+
+
+@settings(max_examples=10, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    factor=st.sampled_from([0.9, 0.97, 1.03, 1.1]),
+    camera_on=st.sampled_from(["hand", "cell"]),
+)
+def test_a_board_of_another_size_is_noticed(seed, factor, camera_on):
+    _, _, hands, seen = made_up(15, seed, camera_on, noise=(1e-4, 1e-4))
+    assert calibrate_hand_eye(hands, seen, camera_on=camera_on).doubts == ()
+    seen[:, :3, 3] *= factor  # a board that is larger than was said is taken to be nearer
+    with pytest.warns(
+        PieperWarning, match="the motions of the hand fit a board that is .* than was said: measure a square"
+    ):
+        found = calibrate_hand_eye(hands, seen, camera_on=camera_on)
+    (words,) = found.doubts
+    assert f"% {'larger' if factor < 1.0 else 'smaller'} than" in words
+    measured = float(words.split("board that is ")[1].split(" +-")[0])
+    assert measured == pytest.approx(100.0 * abs(1.0 / factor - 1.0), abs=0.2)
+
+
+def test_noise_alone_is_no_board_of_another_size():
+    for seed in range(20):
+        _, _, hands, seen = made_up(8, seed, noise=(3e-3, 3e-3))
+        assert calibrate_hand_eye(hands, seen).doubts == ()
+
+
 def in_millimetres(Ts):
     return pose.from_position_rotation(1e3 * Ts[:, :3, 3], Ts[:, :3, :3])
 
@@ -191,13 +229,13 @@ def test_the_solvers_of_opencv_are_asked_where_it_has_them(monkeypatch):
             return pose.from_position_rotation(np.array(t), np.array(R))
 
         def eye(R_hand, t_hand, R_seen, t_seen, method):
-            T, _ = hand_eye._by_pairs(stacked(R_hand, t_hand), stacked(R_seen, t_seen))
+            T, _ = hand_eye_forms.by_pairs(stacked(R_hand, t_hand), stacked(R_seen, t_seen))
             return T[:3, :3], T[:3, 3:]
 
         def world(R_seen, t_seen, R_base, t_base, method):
             T, U = (
                 pose.inverse(M)
-                for M in hand_eye._by_product(pose.inverse(stacked(R_base, t_base)), stacked(R_seen, t_seen))
+                for M in hand_eye_forms.by_product(pose.inverse(stacked(R_base, t_base)), stacked(R_seen, t_seen))
             )
             if method == cv2.CALIB_ROBOT_WORLD_HAND_EYE_LI:
                 raise cv2.error("no")
@@ -205,7 +243,7 @@ def test_the_solvers_of_opencv_are_asked_where_it_has_them(monkeypatch):
 
         there = SimpleNamespace(**{name: getattr(cv2, name) for name in dir(cv2) if name.startswith("CALIB_")})
         there.calibrateHandEye, there.calibrateRobotWorldHandEye = eye, world
-        monkeypatch.setattr(hand_eye, "opencv", lambda purpose: there)
+        monkeypatch.setattr(hand_eye_forms, "opencv", lambda purpose: there)
     found = calibrate_hand_eye(hands, seen)
     assert {"OpenCV Tsai", "OpenCV Park", "OpenCV Daniilidis", "OpenCV Shah"} <= {m.name for m in found.methods}
     for method in found.methods:

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from pieper.perception.adapt import LightAdaptation
-from pieper.perception.color_learning import Region, learn
-from pieper.perception.scene import preset
+from pieper.perception.color_learning import learn
+from pieper.perception.color_regions import Region
+from pieper.perception.scene_presets import preset
 from pieper.perception.segment import segment
 from pieper.perception.synthetic import Renderer
 

@@ -17,11 +17,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pieper.errors import MissingExtraError, PieperWarning, VisionError
-from pieper.perception import output
+from pieper.perception import output, video_file
 from pieper.perception.estimate import Estimate
-from pieper.perception.output import COLUMNS, VideoFile, continue_tracks, create_tracks, read_tracks
+from pieper.perception.output import COLUMNS, continue_tracks, create_tracks, read_tracks
 from pieper.perception.source import probe
 from pieper.perception.stream import Stream
+from pieper.perception.video_file import VideoFile
 
 FORMATS = ["csv", "jsonl", "parquet"]
 NINE_DIGITS = 1e-8  # relative
@@ -199,7 +200,7 @@ def test_without_pyarrow_the_extra_is_named(tmp_path, monkeypatch):
 # --- video
 
 
-@pytest.mark.parametrize("suffix", output.VIDEOS)
+@pytest.mark.parametrize("suffix", video_file.VIDEOS)
 def test_an_annotated_video_plays(tmp_path, suffix):
     path = tmp_path / f"out{suffix}"
     film = VideoFile(path, fps=12.5)

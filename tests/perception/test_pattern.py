@@ -12,15 +12,9 @@ from scipy.optimize import least_squares
 
 from pieper.errors import UnknownNameError, VisionError
 from pieper.perception.field_view import PixelView
-from pieper.perception.pattern import (
-    BUILT_IN,
-    Pattern,
-    PatternFinder,
-    PatternMarker,
-    Patterns,
-    load_patterns,
-    lone_markers,
-)
+from pieper.perception.lone_marker import lone_markers
+from pieper.perception.pattern import BUILT_IN, Pattern, PatternMarker, Patterns, load_patterns
+from pieper.perception.pattern_finder import PatternFinder
 from tests.perception.pattern_scenes import blobs_of, made, overhead, rotation
 
 ROUNDING = 1e-9  # m, rad: of a projection and back

@@ -13,7 +13,7 @@ from pieper.perception.field_view import PixelView
 from pieper.perception.frame import Frame
 from pieper.perception.pattern import Patterns
 from pieper.perception.pipeline import MarkerTracker
-from pieper.perception.scene import preset
+from pieper.perception.scene_presets import preset
 from pieper.perception.synthetic import Renderer
 from tests.perception.paints import table_of
 

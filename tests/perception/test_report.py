@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pieper.errors import VisionError
-from pieper.perception import scene as scenes
+from pieper.perception import scene_presets
 from pieper.perception.frame import Frame
 from pieper.perception.report import MANY_GATE, ONE_GATE, Patch, ReportColor, ReportTracker, gaussian_mask
 from pieper.perception.synthetic import Renderer
@@ -199,7 +199,7 @@ def test_the_filter_starts_at_the_corner_of_the_image(colors):
 
 
 def test_on_the_reports_own_robot_it_is_most_of_a_pixel_off():
-    scene = scenes.preset("report").but(frames=6)
+    scene = scene_presets.preset("report").but(frames=6)
     renderer = Renderer(scene)
     cuts = {}
     for marker in renderer[0][1].objects[0].markers:

@@ -6,17 +6,17 @@ import pytest
 
 from pieper.errors import VisionError
 from pieper.perception import scene as scenes
-from pieper.perception import scene_folder
+from pieper.perception import scene_folder, scene_presets
 from pieper.perception import truth as truths
 from pieper.perception.calibration_file import load_camera, load_field_size, load_view
-from pieper.perception.color_learning import read_regions
+from pieper.perception.color_regions import read_regions
 from pieper.perception.pattern import Patterns, load_patterns
 from pieper.perception.synthetic import Renderer
 
 
 @pytest.fixture(scope="module")
 def scene():
-    return scenes.preset("lens", (320, 240)).but(frames=6)
+    return scene_presets.preset("lens", (320, 240)).but(frames=6)
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +73,7 @@ def test_the_patterns_are_those_of_the_robots(scene, folder):
 
 
 def test_the_regions_show_their_colours(scene):
-    big = scenes.preset("clean").but(frames=40)
+    big = scene_presets.preset("clean").but(frames=40)
     renderer = Renderer(big)
     for region in scene_folder.color_regions(big):
         cut = region.cut(renderer[region.frame][0].image)

@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 
 from pieper.errors import PieperWarning, VisionError
-from pieper.perception import reader
-from pieper.perception.calibration import read_image
+from pieper.perception import pipe_reader
 from pieper.perception.frame import Frame
-from pieper.perception.reader import LiveReader
+from pieper.perception.image_file import read_image
+from pieper.perception.live_reader import LiveReader
 from pieper.perception.source import open_source, probe, read_frame, read_frames
 from tests.perception.clips import SIZE, ffmpeg, number_in, numbered, numbered_clip
 
@@ -346,7 +346,7 @@ def test_motion_jpeg_of_a_pipe():
 
 
 def test_motion_jpeg_without_an_end_does_not_fill_the_memory(monkeypatch):
-    monkeypatch.setattr(reader, "_LARGEST_JPEG", 100_000)
+    monkeypatch.setattr(pipe_reader, "_LARGEST_JPEG", 100_000)
 
     class Endless(io.BytesIO):
         given = 0
@@ -356,8 +356,10 @@ def test_motion_jpeg_without_an_end_does_not_fill_the_memory(monkeypatch):
             return (b"\xff\xd8" if self.given == count else b"") + bytes(count) if self.given < 2_000_000 else b""
 
     held = []
-    take = reader._Pipe.take
-    monkeypatch.setattr(reader._Pipe, "take", lambda self, count: held.append(len(self._held)) or take(self, count))
+    take = pipe_reader._Pipe.take
+    monkeypatch.setattr(
+        pipe_reader._Pipe, "take", lambda self, count: held.append(len(self._held)) or take(self, count)
+    )
     with (
         pytest.warns(PieperWarning, match=r"a JPEG of \d+ bytes cannot be decoded"),
         pytest.raises(VisionError, match="holds no frames"),
@@ -471,7 +473,7 @@ def test_a_camera_that_is_unplugged_is_opened_again():
 
 def test_the_pauses_between_attempts_grow(monkeypatch):
     pauses = []
-    monkeypatch.setattr("pieper.perception.reader._pause", lambda seconds, stopped: pauses.append(seconds))
+    monkeypatch.setattr("pieper.perception.live_reader._pause", lambda seconds, stopped: pauses.append(seconds))
     reader = LiveReader("camera 0", FakeCamera([numbered(0)]), first_wait=0.5, longest_wait=4.0, patience=0.05)
     with open_source(reader) as source, pytest.warns(PieperWarning), pytest.raises(VisionError, match=r"given up"):
         list(source)
@@ -556,3 +558,17 @@ def test_a_file_name_is_never_an_address(tmp_path):
     for name in ("concat:a.mp4|b.mp4", "subfile,,start,0,end,9,,:a.mp4", str(tmp_path / "img_%03d.png")):
         with pytest.raises(VisionError, match=r"no such file or folder"):
             open_source(name)
+
+
+def test_transparency_of_a_png_is_left_out_and_said(tmp_path):
+    clear = np.zeros((8, 8, 4), np.uint8)
+    clear[..., 2] = 200
+    cv2.imwrite(str(tmp_path / "0.png"), clear)
+    cv2.imwrite(str(tmp_path / "1.png"), clear[..., :3])
+    notes: list[str] = []
+    with open_source(tmp_path) as source, warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        frames = list(source)
+    notes = [str(warning.message) for warning in caught]
+    assert [frame.image[0, 0].tolist() for frame in frames] == [[0, 0, 200]] * 2
+    assert [note for note in notes if "transparency" in note] == [f"{tmp_path.name}: 0.png is transparency left out"]

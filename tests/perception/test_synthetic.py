@@ -7,21 +7,10 @@ from hypothesis import strategies as st
 
 from pieper.errors import ArrayError, PieperError, VisionError
 from pieper.perception import scene as scenes
+from pieper.perception import scene_presets
 from pieper.perception import truth as truths
-from pieper.perception.scene import (
-    COLORS,
-    PRESETS,
-    Ball,
-    Bar,
-    Circle,
-    Effects,
-    Marker,
-    Model,
-    Robot,
-    Scene,
-    Straight,
-    Sway,
-)
+from pieper.perception.scene import COLORS, Ball, Bar, Circle, Effects, Marker, Model, Robot, Scene, Straight, Sway
+from pieper.perception.scene_presets import PRESETS
 from pieper.perception.synthetic import Renderer
 
 CENTRE = 0.005  # px; what 8 bits leave of the centre of a disc of 11 px
@@ -74,7 +63,7 @@ def test_motion_blur_leaves_the_centre_where_it_is_in_mid_exposure():
 def test_the_truth_is_the_projection_of_the_marker_through_lens_and_perspective():
     import cv2
 
-    scene = scenes.preset("lens")
+    scene = scene_presets.preset("lens")
     view = scene.view
     truth = Renderer(scene).truth(40)
     for thing, known in zip(truth.objects, scene.things, strict=True):
@@ -115,7 +104,7 @@ def test_velocities_are_the_derivatives_of_places(motion):
 
 
 def test_the_same_scene_gives_the_same_pixels_in_any_order():
-    scene = scenes.preset("noise").but(frames=4)
+    scene = scene_presets.preset("noise").but(frames=4)
     forwards = [frame.image for frame, _ in Renderer(scene)]
     renderer = Renderer(scene)
     for index in (3, 0, 2):
@@ -129,7 +118,7 @@ def test_noise_has_the_deviation_that_was_asked_for():
 
 
 def test_light_goes_evenly_from_first_to_last_frame_and_the_cast_with_it():
-    things = scenes.preset("clean").but(frames=3, light=(1.0, 0.4), cast=(0.0, 0.15))
+    things = scene_presets.preset("clean").but(frames=3, light=(1.0, 0.4), cast=(0.0, 0.15))
     first, middle, last = (frame.image.reshape(-1, 3).mean(axis=0) for frame, _ in Renderer(things))
     plain = Renderer(things.but(light=(1.0, 1.0), cast=(0.0, 0.0)))
     for mean, light, cast, k in ((first, 1.0, 0.0, 0), (middle, 0.7, 0.075, 1), (last, 0.4, 0.15, 2)):
@@ -151,7 +140,7 @@ def test_shadow_gradient_and_compression_change_the_picture():
 
 
 def test_a_bar_hides_the_robot_for_half_a_second():
-    scene = scenes.preset("occlusion")
+    scene = scene_presets.preset("occlusion")
     renderer = Renderer(scene)
     shares = np.array([renderer.truth(k).objects[0].visible for k in range(len(scene))])
     assert shares[0] == shares[-1] == 1
@@ -174,7 +163,7 @@ def test_what_leaves_the_image_is_not_seen():
 
 def test_no_motion_of_a_preset_lets_robots_collide():
     for name in PRESETS:
-        scene = scenes.preset(name)
+        scene = scene_presets.preset(name)
         if name == "lens":
             continue
         sizes = {r.name: max(r.model.radius, r.model.side / np.sqrt(2)) for r in scene.robots}
@@ -187,7 +176,7 @@ def test_no_motion_of_a_preset_lets_robots_collide():
 
 @pytest.mark.parametrize("name", sorted(PRESETS))
 def test_every_preset_shows_its_robots(name):
-    renderer = Renderer(scenes.preset(name, (320, 240)))
+    renderer = Renderer(scene_presets.preset(name, (320, 240)))
     frame, truth = renderer[0]
     assert frame.size == (320, 240)
     assert [thing.visible for thing in truth.objects] == pytest.approx([1.0] * len(truth.objects))
@@ -199,7 +188,7 @@ def test_every_preset_shows_its_robots(name):
 
 def test_a_preset_that_is_not_there_is_named():
     with pytest.raises(PieperError, match="no scene 'nois'; did you mean 'noise'"):
-        scenes.preset("nois")
+        scene_presets.preset("nois")
 
 
 def test_effects_out_of_range_are_refused():
@@ -228,7 +217,7 @@ def test_two_things_of_one_name_are_refused():
 
 
 def test_a_truth_file_gives_everything_back(tmp_path):
-    renderer = Renderer(scenes.preset("occlusion").but(frames=70))
+    renderer = Renderer(scene_presets.preset("occlusion").but(frames=70))
     written = [renderer.truth(k) for k in range(0, 70, 10)]
     assert truths.write(tmp_path / "truth.jsonl", written) == 7
     for was, now in zip(written, truths.read(tmp_path / "truth.jsonl"), strict=True):

@@ -46,7 +46,7 @@ def run(room, tmp_path, monkeypatch, capsys):
 
 
 def test_A1_a_video_is_tracked_in_pixels_without_calibration(run):
-    code, out, err = run("--out", "t.csv", "--video", "t.mp4")
+    code, out, err = run("--out", "t.csv", "--record", "t.mp4")
     assert (code, err) == (0, "")
     assert re.match(r"40 frames in [\d.]+ s, \d+ fps; 0 dropped; 4 tracks\n", out)
     assert "wrote t.csv  in pixels" in out
@@ -117,7 +117,7 @@ def test_only_a_part_of_the_image_is_looked_at(run):
 
 
 def test_the_method_of_the_report_runs_beside_ours(run, room, tmp_path):
-    code, out, err = run("--method", "report", "--out", "t.csv", "--video", "t.mp4")
+    code, out, err = run("--method", "report", "--out", "t.csv", "--record", "t.mp4")
     assert (code, err) == (0, "")
     assert out.count("Media HSV:") == 3 * 3  # two captures and the model of each of three colours
     frames = read_tracks("t.csv").frames
@@ -150,7 +150,8 @@ def test_P1_options_are_read_by_their_names(run):
     ("words", "message"),
     [
         (["--out", "t.txt"], "a table of tracks must end in .csv, .jsonl, .parquet"),
-        (["--video", "t.gif"], "an annotated video must end in .mp4, .avi"),
+        (["--size", "640x480"], "--size is for raw frames on standard input, named -; "),
+        (["--record", "t.gif"], "an annotated video must end in .mp4, .avi"),
         (["--out", "none/t.csv"], "none: no such folder"),
         (["--method", "reprt"], "no method 'reprt'; did you mean 'report'"),
         (["--resume"], "--resume goes on with a table; name it by --out"),
@@ -186,7 +187,7 @@ def test_A1_a_missing_or_unreadable_video_is_said_and_fails(run, tmp_path, conte
 def test_the_video_that_is_tracked_is_not_written_over(run, room, monkeypatch):
     before = (room / "discs.avi").read_bytes()
     monkeypatch.chdir(room)
-    code, _, err = run("--video", "discs.avi")
+    code, _, err = run("--record", "discs.avi")
     assert code == 2
     assert "is what is read; it would be lost" in err
     assert (room / "discs.avi").read_bytes() == before
@@ -209,7 +210,7 @@ def test_a_size_that_changes_keeps_what_came_before(run, tmp_path):
     folder.mkdir()
     for n in range(6):
         cv2.imwrite(str(folder / f"{n}.png"), picture(n) if n < 5 else picture(n)[:50])
-    code, out, err = run("--out", "t.csv", "--video", "t.mp4", "--fps", FPS, source=folder)
+    code, out, err = run("--out", "t.csv", "--record", "t.mp4", "--fps", FPS, source=folder)
     assert code == 2
     assert "frame 5 of images is 200 x 50, those before were 200 x 150" in " ".join(err.split())
     assert out.startswith("5 frames in ")
@@ -274,8 +275,8 @@ def test_a_finished_table_resumed_stays_as_it_is(run, whole):
 
 
 def test_the_video_of_a_resumed_run_stands_beside_the_first(run):
-    run("--out", "t.csv", "--video", "t.mp4", "--stop", 10)
-    _, out, _ = run("--out", "t.csv", "--video", "t.mp4", "--resume")
+    run("--out", "t.csv", "--record", "t.mp4", "--stop", 10)
+    _, out, _ = run("--out", "t.csv", "--record", "t.mp4", "--resume")
     assert "wrote t.from000009.mp4" in out
     with open_source("t.from000009.mp4") as film:
         assert sum(1 for _ in film) == COUNT - 9
@@ -296,7 +297,7 @@ def test_what_is_no_table_is_not_resumed(run):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_leaves_valid_files(room, tmp_path, number):
     command = [sys.executable, "-m", "pieper", "track", "-", "--colors", str(room / "colors.yaml"), "--size", "200x150"]
-    files = ["--out", "t.csv", "--video", "t.mp4"] if number == signal.SIGINT else ["--out", "t.parquet"]
+    files = ["--out", "t.csv", "--record", "t.mp4"] if number == signal.SIGINT else ["--out", "t.parquet"]
     process = subprocess.Popen(
         [*command, *files, "--verbose"], cwd=tmp_path, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=False,
         env={name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"},

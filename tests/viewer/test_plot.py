@@ -19,6 +19,7 @@ from pieper.ik.iteration import iterate
 from pieper.motion.trajectory import Trajectory
 from pieper.viewer import plot
 from pieper.viewer.compare import Comparison
+from pieper.viewer.stance import stance
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 START = [-1.28, 4.41, 1.54, -1.16, -1.56, 0.0]
@@ -278,7 +279,7 @@ def test_row_b17_two_models_side_by_side(question):
     assert (left.get_xlim(), left.get_ylim(), left.get_zlim()) == (right.get_xlim(), right.get_ylim(), right.get_zlim())
     assert set(lines(first)) == set(report.joint_names) == set(legend(figure))
     both = Comparison(report, exact)
-    q = plot.stance(report.chain)
+    q = stance(report.chain)
     for i, name in enumerate(report.joint_names):
         swept = lines(first)[name]
         sweep = np.repeat(q[None], len(swept), axis=0)
@@ -308,7 +309,7 @@ def test_row_b17_ik_answers_reach_the_same_pose():
     report, exact = pieper.load("mh12-report"), pieper.load("mh12")
     figure = plot.compare(report, exact, question="ik", samples=25)
     both = Comparison(report, exact)
-    q = plot.stance(report.chain)
+    q = stance(report.chain)
     answer = np.array([float(word) for word in figure.axes[1].get_title().split("(")[1].split(")")[0].split(",")])
     apart = both.other.fk(answer)[:3, 3] - report.fk(q)[:3, 3]
     assert np.linalg.norm(apart) < 3e-4  # four decimals of a radian, on an arm of 2 m

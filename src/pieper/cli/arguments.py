@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pieper.cli import record
+from pieper.cli import completion, record
 from pieper.errors import UnknownNameError, unknown_name
 
 if TYPE_CHECKING:
@@ -19,20 +19,29 @@ if TYPE_CHECKING:
     from pieper.arm import Arm
     from pieper.model.dh import DhTable
 
-ArmName = Annotated[str, typer.Argument(metavar="ARM", help="A built-in robot, or a URDF, xacro or JSON file.")]
+ArmName = Annotated[
+    str,
+    typer.Argument(
+        metavar="ARM", help="A built-in robot, or a URDF, xacro or JSON file.", autocompletion=completion.robots
+    ),
+]
 Base = Annotated[str | None, typer.Option("--base", metavar="LINK", help="Link where the arm begins.")]
 Tip = Annotated[str | None, typer.Option("--tip", metavar="LINK", help="Link where the arm ends.")]
 Nominal = Annotated[
     bool, typer.Option("--nominal", help="Built-in robots: exact multiples of 45 deg instead of the printed angles.")
 ]
 Degrees = Annotated[bool, typer.Option("--deg", help="Angles are given in degrees, not in radians.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON for scripts, always in metres and radians.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object for scripts, in SI units.")]
 X = Annotated[float, typer.Argument(metavar="X", help="Target in the base frame [m].")]
 Y = Annotated[float, typer.Argument(metavar="Y", help="")]
 Z = Annotated[float, typer.Argument(metavar="Z", help="")]
 Rpy = Annotated[
     tuple[float, float, float] | None,
-    typer.Option("--rpy", metavar="ROLL PITCH YAW", help="Orientation Rz(yaw) Ry(pitch) Rx(roll) of the tip."),
+    typer.Option(
+        "--rpy",
+        metavar="ROLL PITCH YAW",
+        help="Orientation Rz(yaw) Ry(pitch) Rx(roll) of the tip [rad; with --deg, deg].",
+    ),
 ]
 Quaternion = Annotated[
     tuple[float, float, float, float] | None,
@@ -42,9 +51,13 @@ Axis = Annotated[
     tuple[float, float, float] | None,
     typer.Option("--axis", metavar="X Y Z", help="Direction for the z axis of the tip, in base axes; free to spin."),
 ]
-Seed = Annotated[
+Start = Annotated[
     str | None,
-    typer.Option("--seed", metavar="Q1,Q2,...", help="Joint values to start from, separated by commas."),
+    typer.Option(
+        "--from",
+        metavar="Q1,Q2,...",
+        help="Joint values to start from, zero by default [rad or m; with --deg, deg or m].",
+    ),
 ]
 
 
@@ -72,6 +85,11 @@ def _table_on_record(name: str) -> DhTable | None:
     if label not in tables:
         raise unknown_name("DH table", label, sorted(tables), f"the records of {robot!r}")
     return tables[label]
+
+
+def about(arm: Arm) -> dict[str, Any]:
+    """What every ``--json`` begins with: the arm, its ends, and the order of its joint values."""
+    return {"arm": arm.name, "base": arm.base, "tip": arm.tip, "joint_names": list(arm.joint_names)}
 
 
 def joint_values(arm: Arm, values: Sequence[float], *, degrees: bool) -> NDArray[np.float64]:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from pieper.cli import completion
 from pieper.cli.node import Backend, Domain, Network, joined, ros_arguments
 
 _SPEAKING_TIME = 0.5  # seconds before the first message of a replay, in which subscribers find it
@@ -22,8 +23,14 @@ def record(
             "perhaps :latched or :sensor behind it.",
         ),
     ],
-    output: Annotated[Path | None, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write.")] = None,
-    storage: Annotated[str, typer.Option("--storage", "-s", metavar="NAME", help="mcap or sqlite3.")] = "mcap",
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FOLDER", help="Write the result; a folder named by the time by default."),
+    ] = None,
+    storage: Annotated[
+        str,
+        typer.Option("--storage", "-s", metavar="NAME", help="mcap or sqlite3.", autocompletion=completion.storages),
+    ] = "mcap",
     seconds: Annotated[
         float | None, typer.Option("--seconds", metavar="SECONDS", help="How long; else until Ctrl-C.")
     ] = None,
@@ -33,7 +40,8 @@ def record(
 ) -> None:
     """Record topics in a bag.
 
-    As in: pieper ros record /joint_states /target --output lab1
+    For example:
+      pieper ros record /joint_states /target --seconds 5 --out lab1
     """
     from datetime import datetime
 
@@ -41,7 +49,7 @@ def record(
     from pieper.ros.topics import Topic
 
     topics = [Topic.parse(name) for name in names]
-    path = output or Path(datetime.now().astimezone().strftime("bag_%Y_%m_%d-%H_%M_%S"))
+    path = out or Path(datetime.now().astimezone().strftime("bag_%Y_%m_%d-%H_%M_%S"))
     with joined(
         "pieper_record", arguments=ros_arguments(context), backend=backend, network=network, domain=domain
     ) as bus:
@@ -70,7 +78,11 @@ def replay(
     network: Network = False,
     domain: Domain = None,
 ) -> None:
-    """Send the messages of a bag again, as far apart in time as they were recorded."""
+    """Send the messages of a bag again, as far apart in time as they were recorded.
+
+    For example:
+      pieper ros replay lab1 --rate 10
+    """
     from pieper.ros import bags
 
     with joined(

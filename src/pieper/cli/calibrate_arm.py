@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pieper.cli.arguments import ArmName, Base, Degrees, Json, Nominal, Tip, load, turning
+from pieper.cli.arguments import ArmName, Base, Degrees, Json, Nominal, Tip, about, load, turning
 from pieper.cli.outputs import keep_apart
 from pieper.cli.record import screw_record
 from pieper.cli.show import console, plain, print_json, print_table
@@ -38,16 +38,23 @@ def calibrate_arm(
     measurements: Annotated[
         Path,
         typer.Argument(
-            metavar="FILE.csv",
-            help="Columns: the joints, or q1 ... qn; x y z [m]; for poses also qx qy qz qw.",
+            metavar="FILE",
+            help="A .csv of: the joints, or q1 ... qn; x y z [m]; for poses also qx qy qz qw.",
         ),
     ],
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Write the calibrated arm as .json (screws) or .urdf.")
+        Path | None,
+        typer.Option(
+            "--out", "-o", metavar="FILE", help="Write the result; the calibrated arm as .json (screws) or .urdf."
+        ),
     ] = None,
     free: Annotated[
         list[Free] | None,
-        typer.Option("--free", help="What may change, may be given several times; screws and home if not given."),
+        typer.Option(
+            "--free",
+            metavar="WHAT",
+            help="What may change: screws, home, offsets or base; screws and home by default. May be repeated.",
+        ),
     ] = None,
     position_sigma: Annotated[
         float | None, typer.Option("--position-sigma", metavar="M", help="Standard deviation of a position [m].")
@@ -67,7 +74,11 @@ def calibrate_arm(
     nominal: Nominal = False,
     as_json: Json = False,
 ) -> int:
-    """Fit the axes of an arm to measured positions or poses of its tip, and say what the measurements can tell."""
+    """Fit the axes of an arm to measured positions or poses of its tip, and say what the measurements can tell.
+
+    For example:
+      pieper calibrate-arm ur5e measured.csv --out ur5e-17.json
+    """
     import numpy as np
 
     from pieper.kinematics.calibration import calibrate
@@ -101,7 +112,7 @@ def calibrate_arm(
     if out is not None:
         _write(found, out)
     if as_json:
-        print_json(_record(found, check, lines, more))
+        print_json(_record(robot, found, check, lines, more))
     else:
         _print(robot, found, check, lines, more)
         if out is not None:
@@ -191,10 +202,13 @@ def _rows(lines: Sequence[int]) -> str:
     return f": {'row' if len(lines) == 1 else 'rows'} {shown}{' ...' if len(lines) > 8 else ''}"
 
 
-def _record(found: Calibration, check: Check | None, lines: Sequence[int], more: NDArray[np.float64]) -> dict[str, Any]:
+def _record(
+    robot: Arm, found: Calibration, check: Check | None, lines: Sequence[int], more: NDArray[np.float64]
+) -> dict[str, Any]:
     known = found.identifiability
     return {
-        "arm": screw_record(found.chain),
+        **about(robot),
+        "calibrated": screw_record(found.chain),
         "converged": found.converged,
         "reason": found.reason,
         "parameters": [

@@ -2,36 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from pieper.cli.outputs import keep_apart
-from pieper.cli.show import console
+from pieper.cli.progress import progress_bar
+from pieper.cli.show import say
 from pieper.errors import VisionError
+
+BoardName = Annotated[
+    str,
+    typer.Option(
+        "--board",
+        metavar="BOARD",
+        help="charuco:COLUMNSxROWS:SQUARE:MARKER in squares and metres, or chessboard:COLUMNSxROWS:SQUARE in inner corners "
+        "and metres.",
+    ),
+]
 
 
 def calibrate_camera(
     sources: Annotated[
         list[Path] | None, typer.Argument(metavar="[SOURCE]...", help="Images, folders of images, videos.")
     ] = None,
-    board: Annotated[
-        str,
-        typer.Option(
-            "--board",
-            metavar="BOARD",
-            help="charuco:COLUMNSxROWS:SQUARE:MARKER in squares and metres, or chessboard:COLUMNSxROWS:SQUARE in inner corners "
-            "and metres.",
-        ),
-    ] = "charuco:7x5:0.03:0.022",
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Where the camera is written.")] = Path(
-        "camera.yaml"
-    ),
+    board: BoardName = "charuco:7x5:0.03:0.022",
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FILE", help="Write the result; the camera, .yaml.")
+    ] = Path("camera.yaml"),
     picture: Annotated[
-        Path | None, typer.Option("--picture", metavar="FILE", help="Draw what is left over into a .png or .jpg.")
+        Path | None,
+        typer.Option("--picture", metavar="FILE", help="Draw a picture; of what is left over, .png or .jpg."),
     ] = None,
     distortion: Annotated[
         int | None,
@@ -45,10 +47,15 @@ def calibrate_camera(
     ] = None,
     dpi: Annotated[int, typer.Option("--dpi", metavar="N", help="Dots per inch of the drawing.")] = 300,
 ) -> int:
-    """Calibrate a lens from pictures or a video of a printed board, without a window."""
+    """Calibrate a lens from pictures or a video of a printed board, without a window.
+
+    For example:
+      pieper calibrate-camera --draw board.png
+      pieper calibrate-camera pictures --out camera.yaml
+    """
     from pieper.perception.board import Board
+    from pieper.perception.board_views import find_views
     from pieper.perception.calibration import calibrate_camera as calibrate
-    from pieper.perception.calibration import find_views
     from pieper.perception.calibration_picture import camera_picture, save_picture
 
     shown = Board.parse(board)
@@ -57,7 +64,7 @@ def calibrate_camera(
             raise VisionError(f"--draw writes a .png, got {str(draw)!r}")
         shown.save_drawing(draw, dpi)
         width, height = ((n + 2) * shown.square * 1e3 for n in shown.squares)
-        _say(f"wrote {draw}  {shown}, {width:g} x {height:g} mm with its margin, {dpi} dots per inch; print at 100 %")
+        say(f"wrote {draw}  {shown}, {width:g} x {height:g} mm with its margin, {dpi} dots per inch; print at 100 %")
         return 0
     if not sources:
         raise VisionError("give images, a folder or a video that show the board; --draw FILE makes a board to print")
@@ -68,27 +75,10 @@ def calibrate_camera(
         found = find_views(sources, shown, most=most, progress=progress)
     result = calibrate(found, shown, coefficients=distortion)
     result.save(out, sources=[source.name for source in sources])
-    _say(f"board found in {len(found.views)} views that are used, of {found.looked_at} images")
-    _say(result.report())
-    _say(f"wrote {out}")
+    say(f"board found in {len(found.views)} views that are used, of {found.looked_at} images")
+    say(result.report())
+    say(f"wrote {out}")
     if picture is not None:
         save_picture(picture, camera_picture(result))
-        _say(f"wrote {picture}")
+        say(f"wrote {picture}")
     return 0
-
-
-@contextmanager
-def progress_bar(words: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar on standard error, where that is a terminal; called with how many of how many are done."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    screen = Console(stderr=True)
-    columns = (TextColumn(words), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as bar:
-        task = bar.add_task(words)
-        yield lambda done, of: bar.update(task, completed=done, total=of)
-
-
-def _say(words: str) -> None:
-    console().print(words, markup=False, highlight=False, soft_wrap=True)

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pieper.cli import completion
 from pieper.cli.outputs import keep_apart
-from pieper.cli.show import console
+from pieper.cli.show import say
 from pieper.errors import VisionError
 
 if TYPE_CHECKING:
@@ -21,7 +22,8 @@ _NO_LENS = "without --camera only"
 def calibrate_field(
     source: Annotated[Path, typer.Argument(metavar="IMAGE_OR_VIDEO", help="What the camera sees.")],
     camera: Annotated[
-        Path | None, typer.Option("--camera", metavar="FILE", help="camera.yaml; a lens is assumed, and said, without.")
+        Path | None,
+        typer.Option("--camera", metavar="FILE", help="The lens, camera.yaml; one is assumed, and said, by default."),
     ] = None,
     corner: Annotated[
         list[str] | None,
@@ -33,17 +35,23 @@ def calibrate_field(
     ] = None,
     lines: Annotated[
         str | None,
-        typer.Option("--lines", metavar="FIELD", help="Fit the lines of vsss, ssl-a, ssl-b, or those in a .yaml file."),
+        typer.Option(
+            "--lines",
+            metavar="FIELD",
+            help="Fit the lines of vsss, ssl-a, ssl-b, or those in a .yaml file.",
+            autocompletion=completion.field_lines,
+        ),
     ] = None,
     tags: Annotated[
         Path | None, typer.Option("--tags", metavar="FILE", help="YAML file with the places of AprilTags 36h11.")
     ] = None,
     field: Annotated[
-        str | None, typer.Option("--field", metavar="LxW", help="Length and width of the field [m], such as 1.5x1.3.")
+        str | None,
+        typer.Option("--field-size", metavar="LxW", help="Length and width of the field [m], such as 1.5x1.3."),
     ] = None,
     camera_height: Annotated[
         float | None,
-        typer.Option("--camera-height", metavar="H", help=f"Of the camera above the field [m]; {_NO_LENS}."),
+        typer.Option("--camera-height", metavar="M", help=f"Of the camera above the field [m]; {_NO_LENS}."),
     ] = None,
     radial: Annotated[
         int | None,
@@ -52,18 +60,24 @@ def calibrate_field(
     frame: Annotated[
         int | None, typer.Option("--frame", metavar="N", help="Frame of a video; else the median of 25 frames.")
     ] = None,
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Where the field is written.")] = Path(
-        "field.yaml"
-    ),
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FILE", help="Write the result; the field, .yaml.")
+    ] = Path("field.yaml"),
     picture: Annotated[
         Path | None,
-        typer.Option("--picture", metavar="FILE", help="Draw field and misses over the image, .png or .jpg."),
+        typer.Option(
+            "--picture", metavar="FILE", help="Draw a picture; of field and misses over the image, .png or .jpg."
+        ),
     ] = None,
 ) -> int:
-    """Find where the field lies before a camera, without a window."""
-    from pieper.perception.calibration import read_view
+    """Find where the field lies before a camera, without a window.
+
+    For example:
+      pieper calibrate-field field.png --camera camera.yaml --lines vsss
+    """
     from pieper.perception.calibration_file import load_camera
     from pieper.perception.calibration_picture import save_picture
+    from pieper.perception.image_file import read_view
 
     if lines is not None and tags is not None:
         raise VisionError("--lines and --tags both say how to find the field; give one of them")
@@ -82,11 +96,11 @@ def calibrate_field(
     known: dict[str, Any] = {"camera": lens, "camera_height": camera_height}
     result = _find(image, corner or [], lines, tags, radial, size, known)
     result.save(out, sources=[source.name, *([camera.name] if camera else [])])
-    _say(result.report())
-    _say(f"wrote {out}")
+    say(result.report())
+    say(f"wrote {out}")
     if picture is not None:
         save_picture(picture, result.picture(image))
-        _say(f"wrote {picture}")
+        say(f"wrote {picture}")
     return 0
 
 
@@ -145,9 +159,5 @@ def _size(text: str) -> tuple[float, float]:
     except ValueError:
         length = width = 0.0
     if not (0 < length < 1e3 and 0 < width < 1e3):
-        raise VisionError(f"--field must be length x width in metres, such as 1.5x1.3, got {text!r}")
+        raise VisionError(f"--field-size must be length x width in metres, such as 1.5x1.3, got {text!r}")
     return length, width
-
-
-def _say(words: str) -> None:
-    console().print(words, markup=False, highlight=False, soft_wrap=True)

@@ -7,8 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pieper.cli import completion
+from pieper.cli.calibrate_camera import BoardName
 from pieper.cli.outputs import keep_apart
-from pieper.cli.show import console
+from pieper.cli.progress import progress_bar
+from pieper.cli.show import say
 from pieper.errors import VisionError
 
 if TYPE_CHECKING:
@@ -25,27 +28,31 @@ def calibrate_hand_eye(
         typer.Argument(metavar="[CAPTURES]", help="A .csv or .yaml file of poses, or a folder with poses.csv and images."),
     ] = None,
     camera_on: Annotated[
-        str, typer.Option("--camera-on", metavar="WHERE", help="hand, with the board standing still; or cell, with the board in the hand.")
+        str, typer.Option("--camera-on", metavar="WHERE", help="hand, with the board standing still; or cell, with the board in the hand.", autocompletion=completion.mounts)
     ] = "hand",
     arm: Annotated[
-        str | None, typer.Option("--arm", metavar="ARM", help="For captures that tell joint values, and for a plan.")
+        str | None, typer.Option("--arm", metavar="ARM", help="A built-in robot, or a URDF, xacro or JSON file; for captures that tell joint values, and for a plan.", autocompletion=completion.robots)
     ] = None,
     tip: Annotated[str | None, typer.Option("--tip", metavar="LINK", help="Link where the arm ends.")] = None,
     camera: Annotated[
         Path | None, typer.Option("--camera", metavar="FILE", help="The lens, camera.yaml; for images and for a plan.")
     ] = None,
-    board: Annotated[str, typer.Option("--board", metavar="BOARD", help="As for calibrate-camera.")] = "charuco:7x5:0.03:0.022",
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Where the calibration is written.")] = Path("hand_eye.yaml"),
+    board: BoardName = "charuco:7x5:0.03:0.022",
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Write the result; the calibration, .yaml.")] = Path("hand_eye.yaml"),
     plan: Annotated[
         Path | None, typer.Option("--plan", metavar="FILE", help="Write arm poses to look from, or to add, into a .csv.")
     ] = None,
-    count: Annotated[int, typer.Option("--count", metavar="N", help="How many poses to plan.")] = 12,
+    count: Annotated[int, typer.Option("--count", metavar="N", help="How many; poses of the plan.")] = 12,
     guess: Annotated[
         Path | None,
         typer.Option("--guess", metavar="FILE", help="For a plan without captures: about where camera and board are, as in the file that --out writes."),
     ] = None,
 ) -> int:  # fmt: skip
-    """Find out where a camera is: on the hand of an arm, or in its cell. Without captures, plan from where to look."""
+    """Find out where a camera is: on the hand of an arm, or in its cell. Without captures, plan from where to look.
+
+    For example:
+      pieper calibrate-hand-eye captures.csv --camera-on hand
+    """
     from pieper.cli import arguments
     from pieper.perception.hand_eye_file import read_captures, save_hand_eye
 
@@ -62,9 +69,9 @@ def calibrate_hand_eye(
         captures = read_captures(source, robot)
         found, rows = _calibrated(captures, "hand" if camera_on == "hand" else "cell", camera, board)
         have = captures.Ts_base_tcp[rows][found.used]
-        _say(found.report())
+        say(found.report())
         save_hand_eye(out, found, sources=[source.name])
-        _say(f"wrote {out}")
+        say(f"wrote {out}")
     if plan is not None:
         near = None if captures is None or captures.q is None else captures.q[-1]
         _plan(plan, robot, camera, board, count, guess, found, have, near)
@@ -74,11 +81,11 @@ def calibrate_hand_eye(
 def _calibrated(
     captures: Captures, camera_on: CameraOn, camera: Path | None, board: str
 ) -> tuple[HandEyeCalibration, list[int]]:
-    from pieper.cli.calibrate_camera import progress_bar
     from pieper.perception.board import Board
-    from pieper.perception.calibration import BoardView, read_image
+    from pieper.perception.board_views import BoardView
     from pieper.perception.calibration_file import load_camera
     from pieper.perception.hand_eye import calibrate_hand_eye, calibrate_hand_eye_from_views
+    from pieper.perception.image_file import read_image
 
     if captures.Ts_camera_target is not None:
         found = calibrate_hand_eye(
@@ -101,7 +108,7 @@ def _calibrated(
                 views.append(BoardView(captures.names[row], *corners))
                 rows.append(row)
             progress(row + 1, len(captures.images))
-    _say(f"board {shown} found in {len(views)} of {len(captures.images)} images")
+    say(f"board {shown} found in {len(views)} of {len(captures.images)} images")
     return calibrate_hand_eye_from_views(captures.Ts_base_tcp[rows], views, shown, lens, camera_on=camera_on), rows
 
 
@@ -136,11 +143,7 @@ def _plan(
         have=have, q_near=near,
     )  # fmt: skip
     write_captures(path, planned.q, images=[f"capture_{k + 1:02d}.png" for k in range(count)])
-    _say(
+    say(
         f"wrote {path}  {count} poses of {planned.reached} that the arm reaches; with them the camera is known to about "
         f"{1e3 * planned.position_deviation:.2f} mm and {np.degrees(planned.rotation_deviation):.3f} deg"
     )
-
-
-def _say(words: str) -> None:
-    console().print(words, markup=False, highlight=False, soft_wrap=True)

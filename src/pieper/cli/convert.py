@@ -35,14 +35,23 @@ class Format(str, Enum):
 
 def convert(
     arm: ArmName,
-    to: Annotated[Format, typer.Option("--to", help="What to write.")],
-    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write here instead of printing.")] = None,
+    to: Annotated[
+        Format, typer.Option("--to", metavar="FORM", help=f"What to write: {', '.join(form.value for form in Format)}.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the result; instead of printing it.")
+    ] = None,
     base: Base = None,
     tip: Tip = None,
     nominal: Nominal = False,
     as_json: Json = False,
 ) -> int:
-    """Write an arm as Denavit-Hartenberg rows, screws, URDF, or formulas."""
+    """Write an arm as Denavit-Hartenberg rows, screws, URDF, or formulas.
+
+    For example:
+      pieper convert ur5e --to dh
+      pieper convert ur5e --to urdf --out arm.urdf
+    """
     robot = load(arm, base=base, tip=tip, nominal=nominal)
     text = _json(robot, to) if as_json else _text(robot, to)
     text = text.rstrip("\n") + "\n"

@@ -16,9 +16,9 @@ from typing import IO, Annotated, Any, NamedTuple
 
 import typer
 
+from pieper.cli.arguments import Json
 from pieper.cli.probes import BROKEN, EXTRAS, OK, PROBES, Finding
 from pieper.cli.show import console, print_json, print_table
-from pieper.cli.signals import handled
 
 FAULT = 4  # as in pieper.cli.main
 _TOGETHER = 4  # children at a time
@@ -29,14 +29,17 @@ _CHILD = (
 
 def doctor(
     timeout: Annotated[
-        float, typer.Option("--timeout", metavar="SECONDS", help="How long each probe may take.", min=0.1)
+        float, typer.Option("--timeout", metavar="SECONDS", help="How long at most; for each probe.", min=0.1)
     ] = 30.0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON for scripts.")] = False,
+    as_json: Json = False,
 ) -> int:
     """Say what works on this machine, and what to do about what does not.
 
     Each thing is tried in a process of its own, so that one that crashes or hangs harms no other. A node of ROS 2 is started for a
     moment, and one frame is taken from a camera. Exit code 0, whatever is missing; 4 when the core of pieper itself does not work.
+
+    For example:
+      pieper doctor
     """
     findings = look([*PROBES, *EXTRAS], timeout)
     code = 0 if findings["core"].state == OK else FAULT
@@ -85,7 +88,7 @@ def _python() -> dict[str, str]:
 
 
 def _check(name: str, finding: Finding) -> dict[str, Any]:
-    kind = {"extra": True, "gives": EXTRAS[name].gives} if name in EXTRAS else {"extra": False}
+    kind = {"extra": True, "gives": EXTRAS[name].gives} if name in EXTRAS else {"extra": False, "gives": None}
     return {"name": name, **kind, **finding._asdict()}
 
 
@@ -105,23 +108,18 @@ def look(names: list[str], timeout: float) -> dict[str, Finding]:
     """What each probe finds, in the order of the names; a few run at a time, each in a process of its own."""
     waiting, running, found = list(names), dict[str, _Child](), dict[str, Finding]()
     try:
-        with handled((signal.SIGTERM,), _interrupt):
-            while waiting or running:
-                while waiting and len(running) < _TOGETHER:
-                    name = waiting.pop(0)
-                    running[name] = _start(name, timeout)
-                for name, child in list(running.items()):
-                    if child.process.poll() is not None or time.monotonic() > child.until:
-                        found[name] = _end(running.pop(name), timeout)
-                time.sleep(0.02)
+        while waiting or running:
+            while waiting and len(running) < _TOGETHER:
+                name = waiting.pop(0)
+                running[name] = _start(name, timeout)
+            for name, child in list(running.items()):
+                if child.process.poll() is not None or time.monotonic() > child.until:
+                    found[name] = _end(running.pop(name), timeout)
+            time.sleep(0.02)
     finally:
         for child in running.values():
             _end(child, timeout)
     return {name: found[name] for name in names}
-
-
-def _interrupt(*_: object) -> None:
-    raise KeyboardInterrupt
 
 
 def _start(name: str, timeout: float) -> _Child:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pieper.cli.arguments import Json
 from pieper.cli.show import console, print_json, print_table
 from pieper.errors import VisionError
 
@@ -27,30 +28,35 @@ def evaluate(
         typer.Option("--reach", metavar="D", help="How near an estimate has to be; 0.05 m, or 15 px, by default."),
     ] = None,
     every: Annotated[
-        bool, typer.Option("--all", help="Instead: draw all scenes, track them, and compare with what must be reached.")
+        bool,
+        typer.Option("--marks", help="Instead: draw all scenes, track them, and compare with what must be reached."),
     ] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="With --all: shorter scenes, for a first look.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="With --marks: shorter scenes, for a first look.")] = False,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="With --all: write everything as JSON.")
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Write the result; with --marks, everything as JSON."),
     ] = None,
-    json_: Annotated[bool, typer.Option("--json", help="Print JSON for scripts.")] = False,
+    as_json: Json = False,
 ) -> int:
     """Print how far tracks are from the truth: errors, detection, identity and consistency.
 
-    With --all, exit code 1 says that a mark was missed.
+    With --marks, exit code 1 says that a mark was missed.
+
+    For example:
+      pieper evaluate tracks.csv clean/truth.jsonl
     """
     if every:
         if tracks is not None:
-            raise VisionError("--all draws its own scenes; leave the files out")
-        return _all(quick, out, json_)
+            raise VisionError("--marks draws its own scenes; leave the files out")
+        return _all(quick, out, as_json)
     if tracks is None or truth is None:
-        raise VisionError("evaluate needs TRACKS and TRUTH, or --all")
+        raise VisionError("evaluate needs TRACKS and TRUTH, or --marks")
     from pieper.perception import truth as truths
     from pieper.perception.evaluate import evaluate as compare
     from pieper.perception.output import read_tracks
 
     result = compare(truths.read(truth), read_tracks(tracks), reach=reach)
-    if json_:
+    if as_json:
         print_json(result.as_data())
     else:
         _table(result)

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from pieper.cli.arguments import ArmName, Base, Degrees, Json, Nominal, Tip, joint_values, load
+from pieper.cli.arguments import ArmName, Base, Degrees, Json, Nominal, Tip, about, joint_values, load
 from pieper.cli.show import console, matrix, numbers, print_json
 
 
@@ -22,7 +22,11 @@ def fk(
     nominal: Nominal = False,
     as_json: Json = False,
 ) -> int:
-    """Print the pose of the tip in the base frame for the given joint values."""
+    """Print the pose of the tip in the base frame for the given joint values.
+
+    For example:
+      pieper fk mh12 --deg -10 20 30 0 45 0
+    """
     import numpy as np
 
     from pieper.spatial import rotation
@@ -36,10 +40,8 @@ def fk(
     if as_json:
         print_json(
             {
-                "arm": robot.name,
-                "base": robot.base,
+                **about(robot),
                 "tip": end,
-                "joint_names": robot.joint_names,
                 "q": values,
                 "position": position,
                 "quaternion_xyzw": quaternion,

@@ -15,16 +15,17 @@ from pieper.cli.arguments import (
     Nominal,
     Quaternion,
     Rpy,
-    Seed,
+    Start,
     Tip,
     X,
     Y,
     Z,
+    about,
     load,
     turning,
 )
 from pieper.cli.show import console, number, print_json, print_table
-from pieper.cli.target import seed_values, wanted
+from pieper.cli.target import start_values, wanted
 from pieper.errors import ArrayError
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ def ik(
     quaternion: Quaternion = None,
     axis: Axis = None,
     degrees: Degrees = False,
-    seed: Seed = None,
+    start: Start = None,
     show_all: Annotated[bool, typer.Option("--all", help="Every branch, also those outside the joint limits.")] = False,
     redundancy: Annotated[
         str | None,
@@ -57,24 +58,28 @@ def ik(
             "--redundancy",
             metavar="VALUE",
             help="Seven joints: value of the joint that is given (see pieper info), JOINT=VALUE for another one, or "
-            "swivel=ANGLE.  [rad or m; degrees with --deg]",
+            "swivel=ANGLE [rad or m; with --deg, deg or m].",
         ),
     ] = None,
     count: Annotated[
-        int | None, typer.Option("--count", metavar="K", min=1, max=64, help="Answers to print at most.")
+        int | None, typer.Option("--count", metavar="N", min=1, max=64, help="How many; answers to print at most.")
     ] = None,
     base: Base = None,
     tip: Tip = None,
     nominal: Nominal = False,
     as_json: Json = False,
 ) -> int:
-    """Print joint values that bring the tip to a target, one answer a column."""
+    """Print joint values that bring the tip to a target, one answer a column.
+
+    For example:
+      pieper ik ur5e 0.4 0.2 0.3 --rpy 180 0 0 --deg
+    """
     robot = load(arm, base=base, tip=tip, nominal=nominal)
     goal = wanted(x, y, z, rpy=rpy, quaternion=quaternion, axis=axis, degrees=degrees)
-    start = None if seed is None else seed_values(robot, seed, degrees=degrees)
+    q_start = None if start is None else start_values(robot, start, degrees=degrees)
     searches = robot.ik_info.method == "numeric" or (robot.dof > 6 and not goal.is_whole)
     options: dict[str, Any] = {} if redundancy is None else {"redundancy": _redundancy(redundancy, degrees=degrees)}
-    answers = robot.ik(goal.target(), start, count=(count or _SEARCHED) if searches else None, **options)
+    answers = robot.ik(goal.target(), q_start, count=(count or _SEARCHED) if searches else None, **options)
     if count is None and answers.free and not show_all:
         count = _SEARCHED
     reached = bool(answers.reached)
@@ -82,10 +87,7 @@ def ik(
     if as_json:
         print_json(
             {
-                "arm": robot.name,
-                "base": robot.base,
-                "tip": robot.tip,
-                "joint_names": robot.joint_names,
+                **about(robot),
                 "target": goal.record(),
                 **outcome(answers),
                 "complete": bool(answers.complete),

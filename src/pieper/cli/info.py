@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from pieper.cli.arguments import ArmName, Base, Json, Nominal, Tip, load, turning
+from pieper.cli.arguments import ArmName, Base, Json, Nominal, Tip, about, load, turning
 from pieper.cli.show import console, matrix, number, print_json, print_table
 
 if TYPE_CHECKING:
@@ -21,7 +21,11 @@ def info(
     nominal: Nominal = False,
     as_json: Json = False,
 ) -> int:
-    """Print the joints of an arm, their limits, Denavit-Hartenberg rows, screws, reach and structure."""
+    """Print the joints of an arm, their limits, Denavit-Hartenberg rows, screws, reach and structure.
+
+    For example:
+      pieper info ur5e
+    """
     from dataclasses import asdict
 
     from pieper.ik.family import find_family
@@ -36,9 +40,7 @@ def info(
     if as_json:
         print_json(
             {
-                "arm": robot.name,
-                "base": chain.base,
-                "tip": chain.tip,
+                **about(robot),
                 "joints": joint_records(robot),
                 "frames": [frame.name for frame in chain.frames],
                 "dh": dh.as_record(rows),

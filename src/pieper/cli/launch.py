@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from pieper.cli import completion
 from pieper.cli.arguments import Base, Tip, load
 from pieper.cli.node import Backend, Domain, Network, endings, ros_arguments
 from pieper.cli.signals import handled
@@ -20,13 +21,29 @@ def launch(
     context: typer.Context,
     words: Annotated[
         list[str] | None,
-        typer.Argument(metavar="MODE NAME:=VALUE", help="forward, inverse or ik; then parameters for the nodes."),
+        typer.Argument(
+            metavar="MODE NAME:=VALUE",
+            help="forward, inverse or ik; then parameters for the nodes.",
+            autocompletion=completion.modes,
+        ),
     ] = None,
     arm: Annotated[
-        str | None, typer.Option("--arm", metavar="ARM", help="A built-in robot, or a URDF, xacro or JSON file.")
+        str | None,
+        typer.Option(
+            "--arm",
+            metavar="ARM",
+            help="A built-in robot, or a URDF, xacro or JSON file.",
+            autocompletion=completion.robots,
+        ),
     ] = None,
     ur_type: Annotated[
-        str | None, typer.Option("--ur-type", metavar="TYPE", help="The same as --arm: ur3 ... ur30.")
+        str | None,
+        typer.Option(
+            "--ur-type",
+            metavar="TYPE",
+            help="The same as --arm: ur3 ... ur30.",
+            autocompletion=completion.universal_robots,
+        ),
     ] = None,
     base: Base = None,
     tip: Tip = None,
@@ -36,10 +53,11 @@ def launch(
 ) -> int:
     """Start the nodes of a mode, one process each; Ctrl-C ends them.
 
-    As in: pieper launch inverse --arm mh12
-
     forward: description, controller (moves a simulated arm) and forward. inverse: description, controller and inverse.
     ik: description and ik_server. As in launch files of ROS, mode:=, arm:= and ur_type:= are understood too.
+
+    For example:
+      pieper launch inverse --arm mh12
     """
     from pieper.ros import launch as processes
     from pieper.ros.arguments import parse

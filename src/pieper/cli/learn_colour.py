@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pieper.cli import completion
 from pieper.cli.outputs import keep_apart
 from pieper.errors import PieperError, VisionError
 
@@ -14,12 +15,15 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from pieper.perception.color_learning import Learned, Region
+    from pieper.perception.color_learning import Learned
+    from pieper.perception.color_regions import Region
 
 
 def learn_colour(
     video: Annotated[Path, typer.Argument(metavar="VIDEO", help="A video file, or a folder of images.")],
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="YAML file to write.")] = Path("colors.yaml"),
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FILE", help="Write the result; the colours, .yaml.")
+    ] = Path("colors.yaml"),
     color: Annotated[
         list[str] | None,
         typer.Option(
@@ -40,37 +44,57 @@ def learn_colour(
         int | None, typer.Option("--captures", metavar="N", min=1, help="Boxes that each colour has to have.")
     ] = None,
     pick: Annotated[bool, typer.Option("--pick", help="Drag the boxes in a page in the browser.")] = False,
-    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="With --pick: port of the page, 0 any.")] = 0,
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="With --pick: open the page.")] = True,
+    port: Annotated[
+        int, typer.Option("--port", metavar="N", min=0, max=65535, help="Port of the page; with --pick, 0 for any.")
+    ] = 0,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the browser; with --pick.")] = True,
     save_rois: Annotated[
         Path | None, typer.Option("--save-rois", metavar="FILE", help="Write the boxes as YAML, for --rois.")
     ] = None,
-    space: Annotated[str, typer.Option("--space", help="log-chroma, which follows the light, or hsv.")] = "log-chroma",
+    space: Annotated[
+        str,
+        typer.Option(
+            "--space",
+            metavar="SPACE",
+            help="log-chroma, which follows the light, or hsv.",
+            autocompletion=completion.spaces,
+        ),
+    ] = "log-chroma",
     threshold: Annotated[
         float, typer.Option("--threshold", metavar="D", help="Mahalanobis distance (not squared) of a colour's pixels.")
     ] = 4.0,
     light: Annotated[
-        float, typer.Option("--light", help="Standard deviation of the light that is allowed for, as a logarithm.")
+        float,
+        typer.Option(
+            "--light-sigma",
+            metavar="SIGMA",
+            help="Standard deviation of the light that is allowed for, as a logarithm.",
+        ),
     ] = 0.35,
-    background: Annotated[int, typer.Option("--background", min=0, max=64, help="Gaussians of the background.")] = 12,
+    background: Annotated[
+        int, typer.Option("--background", metavar="N", min=0, max=64, help="Gaussians of the background.")
+    ] = 12,
     also: Annotated[
         list[int] | None, typer.Option("--also", metavar="FRAME", help="A frame that shows more of the background.")
     ] = None,
-    preview: Annotated[
-        Path | None, typer.Option("--preview", metavar="PNG", help="Picture of a frame and of what is found in it.")
+    picture: Annotated[
+        Path | None,
+        typer.Option("--picture", metavar="FILE", help="Draw a picture; of a frame and of what is found in it, .png."),
     ] = None,
 ) -> int:
     """Learn colours from boxes on frames of a video, and test them.
 
-    pieper learn-colour video.mp4 --roi red:0,310,200,20,20 --roi red:90,320,210,20,20 --roi blue:0,350,200,20,20
+    For example:
+      pieper learn-colour clean/video.mp4 --rois clean/regions.yaml
     """
-    from pieper.perception.color import draw_color
-    from pieper.perception.color_learning import learn, read_regions, regions_as_data
+    from pieper.perception.color_learning import learn
+    from pieper.perception.color_regions import read_regions, regions_as_data
+    from pieper.perception.drawn_color import draw_color
     from pieper.perception.source import probe, read_frames
     from pieper.yaml_file import write_yaml
 
-    keep_apart([video], {"--out": out, "--save-rois": save_rois, "--preview": preview})
-    keep_apart([rois], {"--out": out, "--preview": preview})  # boxes that were corrected may replace those before
+    keep_apart([video], {"--out": out, "--save-rois": save_rois, "--picture": picture})
+    keep_apart([rois], {"--out": out, "--picture": picture})  # boxes that were corrected may replace those before
     names, draw = [], {}
     for word in color or ():
         name, equals, how = word.partition("=")
@@ -107,9 +131,9 @@ def learn_colour(
         write_yaml(save_rois, regions_as_data(regions), comment="Boxes as frame, x, y, width, height.")
     learned.model.save(out)
     _tell(learned)
-    if preview is not None:
-        _picture(preview, frames[regions[0].frame], learned)
-        typer.echo(f"wrote {preview}", err=True)
+    if picture is not None:
+        _picture(picture, frames[regions[0].frame], learned)
+        typer.echo(f"wrote {picture}", err=True)
     typer.echo(f"wrote {out}", err=True)
     return 0
 
@@ -118,7 +142,7 @@ def _typed(words: list[str], names: list[str], captures: int | None) -> list[Reg
     """Regions of the command line; those without a name go to the colours in their order."""
     from dataclasses import replace
 
-    from pieper.perception.color_learning import parse_region
+    from pieper.perception.color_regions import parse_region
 
     regions = [parse_region(word, "") for word in words]
     bare = [i for i, region in enumerate(regions) if not region.color]

@@ -6,12 +6,14 @@ optional package is missing; 4 a fault in pieper itself; 130 interrupted.
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import sys
 import traceback
 import warnings
-from typing import TYPE_CHECKING, Annotated
+from types import ModuleType
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -43,6 +45,8 @@ from pieper.cli import (
     workspace,
 )
 from pieper.cli.node import RosCommand
+from pieper.cli.signals import ended_by_a_signal
+from pieper.cli.verb import Group, Verb
 from pieper.errors import MissingExtraError, MissingLibraryError, PieperError, PieperWarning
 
 if TYPE_CHECKING:
@@ -55,43 +59,66 @@ _UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # typer exports th
 
 app = typer.Typer(
     name="pieper",
+    cls=Group,
     help="Kinematics and inverse kinematics of serial robot arms.",
-    epilog="Lengths in metres, angles in radians unless --deg is given. Exit codes: 0 done or reached, 1 not reached, "
-    "2 bad input, 3 optional package missing.",
-    add_completion=False,
+    subcommand_metavar="VERB ...",
+    epilog="pieper VERB --help tells more, with an example. Lengths in metres, angles in radians unless --deg is given. "
+    "Exit codes: 0 done or reached, 1 not reached, 2 bad input, 3 optional package missing.",
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _verb, _summary in {
-    robots: "List the built-in robots.",
-    info: "Joints, limits, DH rows, screws and reach of an arm.",
-    fk: "Pose of the tip at given joint values.",
-    ik: "Joint values that reach a target.",
-    reach: "Reach a target from zero, and show the way.",
-    plan: "A motion around obstacles.",
-    move: "A motion within limits, into a file.",
-    render: "Draw an arm, or a film of its motion.",
-    view: "Open an arm in the browser.",
-    workspace: "Where an arm reaches, and how well.",
-    place: "Where to put the base, or which arm to take.",
-    pick: "Pick things and place them in a bin, by physics.",
-    convert: "Write an arm as DH rows, screws, URDF, formulas.",
-    calibrate_arm: "The axes of an arm, from measured tips.",
-    learn_colour: "Colours, from boxes on frames of a video.",
-    calibrate_camera: "A lens, from pictures of a printed board.",
-    track: "Follow coloured markers in a video or camera.",
-    calibrate_hand_eye: "Where a camera is on a robot.",
-    calibrate_field: "Where the field lies before a camera.",
-    synthesize: "A film of robots with markers, with exact truth.",
-    evaluate: "Tracks against the truth.",
-    doctor: "What works here, and what to do about gaps.",
-}.items():
-    _name = _verb.__name__.rpartition(".")[2]
-    app.command(_name.replace("_", "-"), short_help=_summary)(getattr(_verb, _name))
-app.command("learn-color", hidden=True)(learn_colour.learn_colour)
-app.add_typer(plot.app, name="plot", short_help="Figures of paths, joints, errors and models.")
-app.add_typer(ros.app, name="ros", short_help="ROS 2 nodes, without or with ROS.")
-app.command(cls=RosCommand, short_help="Start several nodes together.")(launch.launch)
+_PARTS: dict[str, dict[ModuleType, str]] = {
+    "Arms": {
+        robots: "List the built-in robots.",
+        info: "Joints, limits, DH rows, screws, reach of an arm.",
+        fk: "Pose of the tip at given joint values.",
+        ik: "Joint values that reach a target.",
+        reach: "Reach a target from zero, and show the way.",
+        convert: "Write an arm as DH rows, screws, URDF, formulas.",
+    },
+    "Motion": {
+        move: "A motion within limits, into a file.",
+        plan: "A motion around obstacles.",
+        pick: "Pick things and place them in a bin, by physics.",
+    },
+    "Space": {
+        workspace: "Where an arm reaches, and how well.",
+        place: "Where to put the base, or which arm to take.",
+    },
+    "Show": {
+        view: "Open an arm in the browser.",
+        render: "Draw an arm, or a film of its motion.",
+        plot: "Figures of paths, joints, errors and models.",
+    },
+    "Camera": {
+        learn_colour: "Colours, from boxes on frames of a video.",
+        track: "Follow coloured markers in a video or camera.",
+        synthesize: "A film of robots with markers, with exact truth.",
+        evaluate: "Tracks against the truth.",
+    },
+    "Measure": {
+        calibrate_camera: "A lens, from pictures of a printed board.",
+        calibrate_field: "Where the field lies before a camera.",
+        calibrate_hand_eye: "Where a camera is on a robot.",
+        calibrate_arm: "The axes of an arm, from measured tips.",
+    },
+    "ROS 2": {
+        ros: "Nodes, topics and services, without or with ROS.",
+        launch: "Start several nodes together.",
+    },
+    "Here": {
+        doctor: "What works here, and what to do about gaps.",
+    },
+}
+for _part, _verbs in _PARTS.items():
+    for _module, _summary in _verbs.items():
+        _name = _module.__name__.rpartition(".")[2]
+        _words: dict[str, Any] = {"name": _name.replace("_", "-"), "short_help": _summary, "rich_help_panel": _part}
+        if _module in (plot, ros):
+            app.add_typer(_module.app, **_words)
+        else:
+            app.command(cls=RosCommand if _module is launch else Verb, **_words)(getattr(_module, _name))
+app.command("learn-color", cls=Verb, hidden=True)(learn_colour.learn_colour)
 
 
 def _print_version(wanted: bool) -> None:
@@ -141,34 +168,40 @@ def _give_up_a_log_that_cannot_be_written() -> None:
 
 def _run(typed: list[str]) -> int:
     # A leading space keeps a negative number from being taken for an option; float() does not mind it.
-    typed = [" " + word if _NEGATIVE_NUMBER.fullmatch(word) else word for word in typed]
-    with warnings.catch_warnings():
+    words = [" " + word if _NEGATIVE_NUMBER.fullmatch(word) else word for word in typed]
+    complain = _complain_in_json if "--json" in words else _complain
+    with warnings.catch_warnings(), ended_by_a_signal():
         warnings.simplefilter("always", PieperWarning)
         warnings.showwarning = _warnings_once()
         try:
-            code = int(app(typed or ["--help"], prog_name="pieper", standalone_mode=False) or DONE)
-            return (
-                _complain("interrupted", code) if code == INTERRUPTED else code
-            )  # typer makes it of Ctrl-C, and is silent
-        except _UsageError as error:
-            return _complain(_usage(error), BAD_INPUT)
-        except (MissingExtraError, MissingLibraryError) as error:
-            return _complain(str(error), MISSING_PACKAGE)
-        except (PieperError, OSError) as error:
-            if isinstance(error, BrokenPipeError):  # the reader of a pipe has seen enough, as `| head` does
-                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-                return DONE
-            return _complain(_sentence(error), BAD_INPUT)
-        except UnicodeEncodeError as error:
-            odd = error.object[error.start : error.end]
-            return _complain(
-                f"the output is {error.encoding}, which cannot show {odd!r}; set PYTHONIOENCODING=utf-8", BAD_INPUT
-            )
-        except (KeyboardInterrupt, typer.Abort):
-            return _complain("interrupted", INTERRUPTED)
+            code = int(app(words, prog_name="pieper", standalone_mode=False) or DONE)
+            if code == INTERRUPTED:  # typer makes it of Ctrl-C, and is silent
+                return complain("Interrupted", "interrupted", code)
+            return code
+        except BrokenPipeError:  # the reader of a pipe has seen enough, as `| head` does
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return DONE
         except Exception as error:  # noqa: BLE001  a script must not take a crash for "not reached"
-            traceback.print_exception(error)
-            return _complain("this is a fault in pieper; please report it with the lines above", FAULT)
+            return complain(type(error).__name__, *_what_is_wrong(error))
+        except KeyboardInterrupt:
+            return complain("Interrupted", "interrupted", INTERRUPTED)
+
+
+def _what_is_wrong(error: Exception) -> tuple[str, int]:
+    """An error in a sentence, and the exit code."""
+    if isinstance(error, typer.Abort):
+        return "interrupted", INTERRUPTED
+    if isinstance(error, _UsageError):
+        return _usage(error), BAD_INPUT
+    if isinstance(error, MissingExtraError | MissingLibraryError):
+        return str(error), MISSING_PACKAGE
+    if isinstance(error, UnicodeEncodeError):
+        odd = error.object[error.start : error.end]
+        return f"the output is {error.encoding}, which cannot show {odd!r}; set PYTHONIOENCODING=utf-8", BAD_INPUT
+    if isinstance(error, PieperError | OSError):
+        return _sentence(error), BAD_INPUT
+    traceback.print_exception(error)
+    return "this is a fault in pieper; please report it with the lines above", FAULT
 
 
 def _usage(error: Exception) -> str:
@@ -187,8 +220,15 @@ def _sentence(error: Exception) -> str:
     return str(error)
 
 
-def _complain(sentence: str, code: int) -> int:
+def _complain(_: str, sentence: str, code: int) -> int:
     typer.secho(f"pieper: {' '.join(sentence.split())}", err=True, fg=typer.colors.RED)
+    return code
+
+
+def _complain_in_json(kind: str, sentence: str, code: int) -> int:
+    """The same in one line for a script, which is the last one on standard error."""
+    error = {"error": " ".join(sentence.split()), "kind": kind, "exit_code": code}
+    typer.echo(json.dumps(error, ensure_ascii=False), err=True)
     return code
 
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from pieper.cli.arguments import ArmName, Axis, Base, Degrees, Json, Nominal, Quaternion, Rpy, Tip, load
+from pieper.cli.arguments import ArmName, Axis, Base, Degrees, Json, Nominal, Quaternion, Rpy, Start, Tip, about, load
 from pieper.cli.show import console, print_json
-from pieper.cli.target import seed_values, wanted
+from pieper.cli.target import start_values, wanted
 from pieper.errors import PieperError
 
 if TYPE_CHECKING:
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 
 Kept = Literal["pose", "axis", "position"]
 
-To = Annotated[str | None, typer.Option("--to", metavar="Q1,Q2,...", help="Joint values to go to.")]
+To = Annotated[
+    str | None,
+    typer.Option("--to", metavar="Q1,Q2,...", help="Joint values to go to [rad or m; with --deg, deg or m]."),
+]
 Target = Annotated[
     tuple[float, float, float] | None,
-    typer.Option("--target", metavar="X Y Z", help="Or a position for the tip in the base frame [m]."),
-]
-Start = Annotated[
-    str | None, typer.Option("--from", metavar="Q1,Q2,...", help="Joint values to start from; zero when not given.")
+    typer.Option("--target", metavar="X Y Z", help="Position of the tip in the base frame [m]; instead of --to."),
 ]
 Straight = Annotated[
     bool,
@@ -48,12 +48,19 @@ TipAcceleration = Annotated[
 ]
 Rate = Annotated[
     float | None,
-    typer.Option("--rate", metavar="HZ", help="Points a second in the file; as few as needed when not given."),
+    typer.Option("--rate", metavar="HZ", help="How many a second; points in the file, as few as needed by default."),
 ]
-Out = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write the motion as .csv, .json or .npz.")]
-Plot = Annotated[
-    Path | None, typer.Option("--plot", metavar="FILE", help="Draw joint values and velocities as .png, .pdf or .svg.")
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", metavar="FILE", help="Write the result; the motion as .csv, .json or .npz."),
 ]
+Figure = Annotated[
+    Path | None,
+    typer.Option("--figure", metavar="FILE", help="Draw a .png, .pdf or .svg; joint values and velocities."),
+]
+
+_ANSWER = ("reached", "reason", "break", "duration", "branch", "limits_used", "trajectory")
+"""What ``--json`` says of a motion; null where there is nothing to say."""
 
 
 def move(
@@ -72,14 +79,19 @@ def move(
     tip_acceleration: TipAcceleration = None,
     rate: Rate = None,
     out: Out = None,
-    plot: Plot = None,
+    figure: Figure = None,
     degrees: Degrees = False,
     base: Base = None,
     tip: Tip = None,
     nominal: Nominal = False,
     as_json: Json = False,
 ) -> int:
-    """A motion from rest to rest to joint values (--to) or to a pose (--target), within limits of velocity, acceleration and jerk."""
+    """A motion from rest to rest to joint values (--to) or to a pose (--target), within limits of velocity, acceleration and jerk.
+
+    For example:
+      pieper move ur5e --from 0,-1,1,0,0,0 --to 1,-1,1,-1,-1,0 --out move.csv
+      pieper move ur5e --from 0,-1,1,-1,-1,0 --target 0.5 0.2 0.4 --straight
+    """
     import numpy as np
 
     from pieper.motion import files
@@ -90,14 +102,14 @@ def move(
         raise PieperError("give one of --to Q1,Q2,... and --target X Y Z")
     if to is not None and not (rpy is None and quaternion is None and axis is None):
         raise PieperError("--rpy, --quat and --axis belong to --target; joint values have an orientation already")
-    if plot is not None:
+    if figure is not None:
         from pieper.viewer.plot import checked_file
 
-        checked_file(plot)
+        checked_file(figure)
     if out is not None and out.suffix.lower() not in files.FORMATS:
         raise PieperError(f"--out must end in {', '.join(files.FORMATS)}, got {str(out)!r}")
     robot = load(arm, base=base, tip=tip, nominal=nominal)
-    q_start = seed_values(robot, start, degrees=degrees, option="--from")
+    q_start = start_values(robot, start, degrees=degrees)
     limits = {"max_velocity": velocity, "max_acceleration": acceleration, "max_jerk": jerk}
     tcp = TcpLimits(
         np.inf if tip_velocity is None else tip_velocity, np.inf if tip_acceleration is None else tip_acceleration
@@ -115,7 +127,7 @@ def move(
                 break
         assert way is not None
         if way.broken is not None:
-            return _not_reached(way, as_json)
+            return _not_reached(robot, way, as_json)
         made = time_path(way, tcp=tcp, **limits)
     else:
         if q_goal is None:
@@ -127,19 +139,19 @@ def move(
                 if answers.reached:
                     break
             if not answers.reached:
-                return _not_reached(answers.reason, as_json)
+                return _not_reached(robot, answers.reason, as_json)
             q_goal = robot.nearest_ik(T_goal, q_start) if kept == "pose" else _nearest(answers, q_start)
         made = time_waypoints(robot.chain, [q_start, q_goal], tcp=tcp, **limits)
     used = usage(made, JointLimits.of(robot.chain, **limits), tcp)
     written = made if rate is None else made.at_rate(rate)
     if out is not None:
         files.write(written, out)
-    if plot is not None:
-        _draw(robot, made, plot, degrees=degrees)
+    if figure is not None:
+        _draw(robot, made, figure, degrees=degrees)
     if as_json:
         print_json(_record(robot, written, way, used))
     else:
-        _print(robot, written, way, used, tcp, out, plot)
+        _print(robot, written, way, used, tcp, out, figure)
     return 0
 
 
@@ -156,7 +168,7 @@ def _goal(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
     """The pose to go to, and the joint values where they were typed; a position alone keeps the orientation of the start."""
     if target is None:
-        q = seed_values(robot, to, degrees=degrees, option="--to")
+        q = start_values(robot, to, degrees=degrees, option="--to")
         return robot.fk(q), q
     goal = wanted(*target, rpy=rpy, quaternion=quaternion, axis=axis, degrees=degrees)
     goal.target()  # refuses what does not go together
@@ -178,19 +190,15 @@ def _straight(robot: Arm, q_start: NDArray[np.float64], T_goal: NDArray[np.float
     return follow_path(robot.chain, line(robot.fk(q_start), T_goal), q_start=q_start, target=kept)
 
 
-def _not_reached(why: JointPath | str, as_json: bool) -> int:
-    reason = why if isinstance(why, str) else str(why.broken)
+def _not_reached(robot: Arm, why: JointPath | str, as_json: bool) -> int:
+    broken = None if isinstance(why, str) else why.broken
+    reason = why if isinstance(why, str) else str(broken)
     if as_json:
-        broken = None if isinstance(why, str) else why.broken
-        print_json(
-            {
-                "reached": False,
-                "reason": reason,
-                "break": None
-                if broken is None
-                else {"s": broken.s, "reason": broken.reason, "precision": broken.precision, "start": broken.start},
-            }
-        )
+        record: dict[str, Any] = {**about(robot), **dict.fromkeys(_ANSWER)}
+        record |= {"reached": False, "reason": reason}
+        if broken is not None:
+            record["break"] = {key: getattr(broken, key) for key in ("s", "reason", "precision", "start")}
+        print_json(record)
     else:
         console().print(f"not reached  {reason}", style="red", markup=False)
     return 1
@@ -198,7 +206,8 @@ def _not_reached(why: JointPath | str, as_json: bool) -> int:
 
 def _record(robot: Arm, made: Trajectory, way: JointPath | None, used: Usage) -> dict[str, Any]:
     return {
-        "arm": robot.name,
+        **about(robot),
+        **dict.fromkeys(_ANSWER),
         "reached": True,
         "duration": made.duration,
         "branch": None if way is None or not way.branch else way.branch[0],
@@ -214,7 +223,7 @@ def _print(
     used: Usage,
     tcp: TcpLimits,
     out: Path | None,
-    plot: Path | None,
+    figure: Path | None,
 ) -> None:
     page = console()
     page.print(f"{robot.name}  {robot.base} -> {robot.tip}\n", style="bold", markup=False)
@@ -229,7 +238,7 @@ def _print(
     words = [f"{name.replace('tcp_', 'tip ')} {100.0 * getattr(used, name):.0f} %" for name in said]
     shares = ", ".join(words)
     page.print(f"limits used  {shares}", markup=False)
-    for file in (out, plot):
+    for file in (out, figure):
         if file is not None:
             typer.echo(f"wrote {file}", err=True)
 

@@ -9,9 +9,10 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperCommand
 
+from pieper.cli import completion
 from pieper.cli.signals import handled
+from pieper.cli.verb import Verb
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -22,7 +23,13 @@ _ROS_ARGUMENTS = "pieper.ros_arguments"
 _LOOK = 1.0  # seconds between looks at whether the launch is still there
 
 Backend = Annotated[
-    str | None, typer.Option("--backend", metavar="NAME", help="rclpy or bare; by itself rclpy where it is installed.")
+    str | None,
+    typer.Option(
+        "--backend",
+        metavar="NAME",
+        help="rclpy or bare; by itself rclpy where it is installed.",
+        autocompletion=completion.backends,
+    ),
 ]
 Network = Annotated[
     bool, typer.Option("--network", help="Bare backend: open to other machines. DDS asks nobody who they are.")
@@ -32,7 +39,7 @@ Domain = Annotated[
 ]
 
 
-class RosCommand(TyperCommand):
+class RosCommand(Verb):
     """A verb that leaves what stands between ``--ros-args`` and ``--`` to ROS."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:

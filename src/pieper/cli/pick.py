@@ -7,20 +7,25 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pieper.cli import completion
 from pieper.cli.outputs import keep_apart
+from pieper.cli.pixels import pixels
+from pieper.cli.progress import progress_bar
 from pieper.cli.screen import has_display
-from pieper.cli.show import console
+from pieper.cli.show import console, say
 from pieper.cli.signals import handled
 from pieper.errors import ArrayError
 
 if TYPE_CHECKING:
     from pieper.sim.scene_view import Recording
     from pieper.tasks.pick import Cycle, PickAndPlace, PickTask, Stage
+    from pieper.tasks.pick_log import PickLog
     from pieper.tasks.pick_view import PickView
     from pieper.tasks.see import SeeAndPick, SeeTask
 
@@ -29,7 +34,15 @@ _PATIENCE = 20.0  # [s] for somebody to open the page
 
 
 def pick(
-    arm: Annotated[str | None, typer.Option("--arm", metavar="ARM", help="kr210, ur10e, mh12 or youbot.")] = None,
+    arm: Annotated[
+        str | None,
+        typer.Option(
+            "--arm",
+            metavar="ARM",
+            help="A built-in robot: kr210, ur10e, mh12 or youbot.",
+            autocompletion=completion.pick_arms,
+        ),
+    ] = None,
     see: Annotated[
         bool,
         typer.Option(
@@ -38,18 +51,23 @@ def pick(
         ),
     ] = False,
     task_file: Annotated[
-        Path | None, typer.Option("--task", metavar="FILE.yaml", help="Another task, instead of --arm.")
+        Path | None, typer.Option("--task", metavar="FILE", help="Another task, instead of --arm.")
     ] = None,
     write_task: Annotated[
         Path | None,
-        typer.Option("--write-task", metavar="FILE.yaml", help="Write the task of --arm to change, and end."),
+        typer.Option("--write-task", metavar="FILE", help="Write the task of --arm to change, and end."),
     ] = None,
     cycles: Annotated[
         int, typer.Option("--cycles", metavar="N", help="How many things to pick, one after another.")
     ] = 9,
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the places of the things in their slots.")] = 0,
+    seed: Annotated[
+        int,
+        typer.Option(
+            "--seed", metavar="N", help="Of random numbers, the same again for the same; for the places of the things."
+        ),
+    ] = 0,
     record: Annotated[
-        Path | None, typer.Option("--record", metavar="FILE", help="Film it: an .mp4 or .gif file.")
+        Path | None, typer.Option("--record", metavar="FILE", help="Film it; into an .mp4 or .gif.")
     ] = None,
     view: Annotated[bool, typer.Option("--view", help="Show it in the browser, in real time.")] = False,
     window: Annotated[
@@ -61,6 +79,7 @@ def pick(
             "--planner",
             metavar="NAME",
             help="rrt searches for ways, direct tries straight ones; rrt where it is installed.",
+            autocompletion=completion.planners,
         ),
     ] = None,
     log: Annotated[
@@ -69,21 +88,23 @@ def pick(
             "--log", metavar="FILE", help="Keep every cycle as a line of JSON, and go on where the file ends."
         ),
     ] = None,
-    size: Annotated[str, typer.Option("--size", metavar="WxH", help="Pixels of the film.")] = _FILM_SIZE,
-    fps: Annotated[float, typer.Option("--fps", metavar="N", help="Frames per second of the film.")] = 25.0,
-    speed: Annotated[float, typer.Option("--speed", metavar="X", help="Play the film X times as fast.")] = 1.0,
+    size: Annotated[
+        str, typer.Option("--size", metavar="WxH", help="Pixels, width and height; of the film.")
+    ] = _FILM_SIZE,
+    fps: Annotated[float, typer.Option("--fps", metavar="N", help="Frames a second; of the film.")] = 25.0,
+    speed: Annotated[float, typer.Option("--speed", metavar="X", help="Play it X times as fast; the film.")] = 1.0,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print the count only, not the stages.")] = False,
 ) -> int:
-    """Pick things out of slots and place them in a bin, with contact physics; 0 when all are placed, 1 when not."""
+    """Pick things out of slots and place them in a bin, with contact physics; 0 when all are placed, 1 when not.
+
+    For example:
+      pieper pick --arm kr210 --cycles 1
+    """
     from pieper.sim import film
     from pieper.tasks.pick import PickAndPlace, chosen_planner
-    from pieper.tasks.pick_log import PickLog
 
-    if cycles < 1:
-        raise ArrayError(f"--cycles must be 1 or more, got {cycles}")
-    if seed < 0:
-        raise ArrayError(f"--seed must be 0 or more, got {seed}")
-    pixels = _size(size)
+    _check(cycles, seed)
+    frame = pixels(size)
     keep_apart([task_file], {"--record": record, "--log": log, "--write-task": write_task})
     if write_task is not None:
         return _write_task(arm or "kr210", task_file, write_task)
@@ -92,68 +113,107 @@ def pick(
     way = chosen_planner(planner)
     sight = _by_sight(arm, task_file, planner) if see else None
     wanted = _task(arm, task_file) if sight is None else sight.pick
-    kept = None if log is None else PickLog(log, wanted.name, seed, version=_version(arm, task_file, see, way))
-    done: list[Cycle] = [] if kept is None else kept.done[:cycles]
-    out = console()
-    if done:
-        out.print(
-            f"{len(done)} cycles are in {log} already, {sum(c.placed for c in done)} of them placed",
-            markup=False,
-            soft_wrap=True,
-        )
+    kept, done = _begun(log, wanted.name, seed, _version(arm, task_file, see, way), cycles)
     if len(done) >= cycles:
         if record is not None:
-            out.print(
-                f"nothing is left to do, and nothing to film: {record} is not written", markup=False, soft_wrap=True
-            )
+            say(f"nothing is left to do, and nothing to film: {record} is not written")
         return _count(done)
-    filmed: list[Recording] = []
-    pages: list[PickView] = []
-
-    def told(stage: Stage) -> None:
-        if filmed:
-            filmed[0].caption = f"{wanted.name}  cycle {stage.cycle} of {cycles}: {_next_stage(stage)}"
-        if pages:
-            pages[0].say(
-                f"{stage.cycle}  {stage.target}: {stage.name}" + (f"  FAILED  {stage.reason}" if stage.reason else "")
-            )
-        if not quiet:
-            out.print(
-                str(stage), style=None if stage.succeeded else "red", markup=False, highlight=False, soft_wrap=True
-            )
-
-    run = PickAndPlace(wanted, seed=seed, planner=planner, log=told) if sight is None else _seeing(sight, seed, told)
+    tell = _Teller(wanted.name, cycles, quiet)
+    run = PickAndPlace(wanted, seed=seed, planner=planner, log=tell) if sight is None else _seeing(sight, seed, tell)
     if not quiet and planner is None and run.planner == "direct":
-        out.print("ways are straight ones; to search for them: pip install 'pieper[plan]'", markup=False)
+        say("ways are straight ones; to search for them: pip install 'pieper[plan]'")
     if record is not None:
-        filmed.append(_recording(run, fps, speed, pixels))
-    first = len(done) + 1
-    with ExitStack() as undo, handled((signal.SIGINT, signal.SIGTERM), _canceller(run)):
+        tell.film = _recording(run, fps, speed, frame)
+    ending = _Ending(run)
+    with ExitStack() as undo, handled((signal.SIGINT, signal.SIGTERM), ending):
         if isinstance(run, AbstractContextManager):
             undo.enter_context(run)
         if window:
             undo.callback(_shown(run))
         if view:
-            pages.append(_opened(run, undo))
-        bar = undo.enter_context(_bar(quiet))
-        job = bar.add_task("cycles", total=cycles, completed=len(done))
-        for cycle in run.run(cycles - len(done), first=first):
+            tell.page = _opened(run, undo)
+        _work(run, done, kept, cycles)
+        if tell.page is not None:
+            _leave_open(run, tell.page, done, cycles)
+    if record is not None and tell.film is not None and tell.film.moments:
+        if ending.at_once:
+            say(f"asked to end: {record} is not written")
+        else:
+            _film(tell.film, record, frame)
+    code = _count(done, cycles)
+    if run.cancelled and len(done) < cycles:
+        if log is not None:
+            say(f"the same command goes on after cycle {len(done)}")
+        raise KeyboardInterrupt
+    return code
+
+
+@dataclass
+class _Teller:
+    """Says what happens: on the screen, under the film, and on the page."""
+
+    task: str
+    cycles: int
+    quiet: bool
+    film: Recording | None = None
+    page: PickView | None = None
+
+    def __call__(self, stage: Stage) -> None:
+        if self.film is not None:
+            self.film.caption = f"{self.task}  cycle {stage.cycle} of {self.cycles}: {_next_stage(stage)}"
+        if self.page is not None:
+            failed = f"  FAILED  {stage.reason}" if stage.reason else ""
+            self.page.say(f"{stage.cycle}  {stage.target}: {stage.name}{failed}")
+        if not self.quiet:
+            say(str(stage), None if stage.succeeded else "red")
+
+
+class _Ending:
+    """Ends the run at the first signal, with the arm at rest, and the command at the second."""
+
+    def __init__(self, run: PickAndPlace) -> None:
+        self._run = run
+        self.at_once = False
+        """Whether something asks for the end that does not wait for a film to be drawn: SIGTERM, and not Ctrl-C."""
+
+    def __call__(self, number: int, _: object) -> None:
+        if self._run.cancelled:
+            raise KeyboardInterrupt
+        self.at_once = number == signal.SIGTERM
+        self._run.cancel()
+
+
+def _check(cycles: int, seed: int) -> None:
+    if cycles < 1:
+        raise ArrayError(f"--cycles must be 1 or more, got {cycles}")
+    if seed < 0:
+        raise ArrayError(f"--seed must be 0 or more, got {seed}")
+
+
+def _begun(log: Path | None, task: str, seed: int, version: str, cycles: int) -> tuple[PickLog | None, list[Cycle]]:
+    """The log that is kept, and the cycles that are in it already."""
+    from pieper.tasks.pick_log import PickLog
+
+    if log is None:
+        return None, []
+    kept = PickLog(log, task, seed, version=version)
+    done: list[Cycle] = kept.done[:cycles]
+    if done:
+        say(f"{len(done)} cycles are in {log} already, {sum(c.placed for c in done)} of them placed")
+    return kept, done
+
+
+def _work(run: PickAndPlace, done: list[Cycle], kept: PickLog | None, cycles: int) -> None:
+    """The cycles that are left, each kept when it is over."""
+    with progress_bar("cycles", cycles) as advance:
+        advance(len(done))
+        for cycle in run.run(cycles - len(done), first=len(done) + 1):
             if run.cancelled and not cycle.placed:
                 break
             done.append(cycle)
             if kept is not None:
                 kept.add(cycle, [stage for stage in run.stages if stage.cycle == cycle.number])
-            bar.update(job, completed=len(done))
-        if pages:
-            _leave_open(run, pages[0], done, cycles)
-    if record is not None and filmed[0].moments:
-        _film(filmed[0], record, pixels)
-    code = _count(done, cycles)
-    if run.cancelled and len(done) < cycles:
-        if log is not None:
-            out.print(f"the same command goes on after cycle {len(done)}", markup=False)
-        raise KeyboardInterrupt
-    return code
+            advance(len(done))
 
 
 def _task(arm: str | None, file: Path | None) -> PickTask:
@@ -223,17 +283,6 @@ def _write_task(arm: str, file: Path | None, path: Path) -> int:
     return 0
 
 
-def _canceller(run: PickAndPlace) -> Callable[..., None]:
-    """Ends the run at the first signal, with the arm at rest, and the command at the second."""
-
-    def asked(*_: object) -> None:
-        if run.cancelled:
-            raise KeyboardInterrupt
-        run.cancel()
-
-    return asked
-
-
 def _opened(run: PickAndPlace, undo: ExitStack) -> PickView:
     """The page, once somebody looks at it, or has not for a while."""
     from pieper.tasks.pick_view import PickView
@@ -282,38 +331,14 @@ def _count(done: list[Cycle], cycles: int | None = None) -> int:
     return 0 if placed == total else 1
 
 
-def _size(text: str) -> tuple[int, int]:
-    words = text.lower().split("x")
-    if len(words) != 2 or not all(word.strip().isdecimal() for word in words):
-        raise ArrayError(f"--size must be width x height in pixels, such as 640x480, got {text!r}")
-    return int(words[0]), int(words[1])
-
-
-def _bar(quiet: bool) -> Any:
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    screen = Console(stderr=True)
-    columns = (TextColumn("cycles"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    return Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal)
-
-
 def _film(recording: Recording, path: Path, size: tuple[int, int]) -> None:
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    screen = Console(stderr=True)
-    columns = (TextColumn("frames"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as bar:
-        job = bar.add_task("frames", total=len(recording.moments))
-        count = recording.save(path, size=size, progress=lambda done, of: bar.update(job, completed=done, total=of))
+    with progress_bar("frames", len(recording.moments)) as advance:
+        count = recording.save(path, size=size, progress=advance)
     if recording.is_full:
-        console().print(
-            f"{path} ends before the run does: a film has {count} frames at most; for all of it lower --fps or raise --speed",
-            markup=False,
-            soft_wrap=True,
+        say(
+            f"{path} ends before the run does: a film has {count} frames at most; for all of it lower --fps or raise --speed"
         )
-    console().print(f"wrote {path}  {size[0]} x {size[1]} pixels, {count} frames", markup=False, soft_wrap=True)
+    say(f"wrote {path}  {size[0]} x {size[1]} pixels, {count} frames")
 
 
 def _shown(run: PickAndPlace) -> Any:

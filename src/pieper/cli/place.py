@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pieper.cli import completion
 from pieper.cli.arguments import Json, load
 from pieper.cli.outputs import keep_apart
-from pieper.cli.show import console, print_json, print_table
+from pieper.cli.progress import progress_bar
+from pieper.cli.show import console, print_json, print_table, written
 from pieper.cli.workspace import Tool, ToolRpy, with_tool
 from pieper.errors import ArrayError
 
@@ -24,7 +26,12 @@ Span = tuple[float, float]
 
 def place(
     words: Annotated[
-        list[str], typer.Argument(metavar="ARM... POSES.csv", help="One arm or several, and the poses of the task.")
+        list[str],
+        typer.Argument(
+            metavar="ARM... POSES.csv",
+            help="One arm or several, and the poses of the task.",
+            autocompletion=completion.robots,
+        ),
     ],
     x: Annotated[
         Span | None, typer.Option("--x", metavar="FROM TO", help="Of the base [m]; around the poses by default.")
@@ -40,16 +47,21 @@ def place(
     position_only: Annotated[
         bool, typer.Option("--position-only", help="Leave the orientation of the poses aside.")
     ] = False,
-    workers: Annotated[int, typer.Option("--workers", metavar="N", help="Processes.")] = 1,
+    workers: Annotated[int, typer.Option("--workers", metavar="N", help="Processes at work; 1 by default.")] = 1,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE.csv", help="Write every base pose with its scores.")
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Write the result; every base pose with its scores, .csv."),
     ] = None,
     figure: Annotated[
-        Path | None, typer.Option("--figure", metavar="FILE", help="Draw the best of each place, .png, .pdf or .svg.")
+        Path | None, typer.Option("--figure", metavar="FILE", help="Draw a .png, .pdf or .svg; the best of each place.")
     ] = None,
     json: Json = False,
 ) -> int:
-    """Find the base pose from which an arm reaches most poses of a task, farthest from its limits; or the best arm."""
+    """Find the base pose from which an arm reaches most poses of a task, farthest from its limits; or the best arm.
+
+    For example:
+      pieper place ur3e ur5e task.csv --step 0.25
+    """
     from pieper.workspace import place as placing
 
     if len(words) < 2:
@@ -78,11 +90,11 @@ def place(
     else:
         _print(tried, best)
     if out is not None:
-        _say(placing.write_scores(tried, out), json=json)
+        written(placing.write_scores(tried, out), json=json)
     if figure is not None:
         from pieper.viewer import map_figure, plot
 
-        _say(plot.save(map_figure.placement(tried[best], targets), figure), json=json)
+        written(plot.save(map_figure.placement(tried[best], targets), figure), json=json)
     return 0 if tried[best].score[0] == len(targets) else 1
 
 
@@ -105,23 +117,10 @@ def _box(chain: Any, targets: FloatArray, x: Span | None, y: Span | None, step: 
 def _with_progress(
     name: str, robot: Any, targets: FloatArray, bases: FloatArray, position_only: bool, workers: int
 ) -> Placement:
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
     from pieper.workspace.place import place as try_bases
 
-    screen = Console(stderr=True)
-    columns = (TextColumn(name), BarColumn(), MofNCompleteColumn(), TextColumn("base poses"), TimeRemainingColumn())
-    with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as bar:
-        task = bar.add_task(name, total=len(bases))
-        return try_bases(
-            robot,
-            targets,
-            bases,
-            position_only=position_only,
-            workers=workers,
-            progress=lambda done, of: bar.update(task, completed=done, total=of),
-        )
+    with progress_bar(f"{name}, base poses") as advance:
+        return try_bases(robot, targets, bases, position_only=position_only, workers=workers, progress=advance)
 
 
 def _print(tried: list[Placement], best: int) -> None:
@@ -175,8 +174,3 @@ def _record(each: Placement) -> dict[str, Any]:
         "margin": float(each.margin[each.best]),
         "manipulability": float(each.manipulability[each.best]),
     }
-
-
-def _say(path: Path, *, json: bool) -> None:
-    if not json:
-        console().print(f"wrote {path}", markup=False, soft_wrap=True)

@@ -7,10 +7,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pieper.cli.arguments import ArmName, Base, Degrees, Json, Nominal, Quaternion, Rpy, Tip, load, turning
-from pieper.cli.move import Acceleration, Jerk, Out, Velocity
+from pieper.cli.arguments import (
+    ArmName,
+    Base,
+    Degrees,
+    Json,
+    Nominal,
+    Quaternion,
+    Rpy,
+    Start,
+    Tip,
+    about,
+    load,
+    turning,
+)
+from pieper.cli.move import Acceleration, Jerk, Out, To, Velocity
 from pieper.cli.show import console, print_json, print_table
-from pieper.cli.target import seed_values, wanted
+from pieper.cli.target import start_values, wanted
 from pieper.errors import ArrayError, PieperError
 
 if TYPE_CHECKING:
@@ -23,22 +36,25 @@ if TYPE_CHECKING:
 def plan(
     arm: ArmName,
     world: Annotated[
-        Path | None, typer.Option("--world", metavar="FILE", help="YAML file of obstacles; none by default.")
+        Path | None,
+        typer.Option("--world", metavar="FILE", help="YAML file of obstacles in the base frame; none by default."),
     ] = None,
-    start: Annotated[
-        str | None, typer.Option("--from", metavar="Q1,Q2,...", help="Joint values to start from; zero by default.")
-    ] = None,
-    to: Annotated[str | None, typer.Option("--to", metavar="Q1,Q2,...", help="Joint values to go to.")] = None,
+    start: Start = None,
+    to: To = None,
     target: Annotated[
         tuple[float, float, float] | None,
-        typer.Option("--target", metavar="X Y Z", help="Or a position of the tip [m], with --rpy or --quat."),
+        typer.Option("--target", metavar="X Y Z", help="Position of the tip in the base frame [m]; instead of --to."),
     ] = None,
     rpy: Rpy = None,
     quaternion: Quaternion = None,
     degrees: Degrees = False,
     margin: Annotated[float, typer.Option("--margin", metavar="M", help="Distance that is kept [m].")] = 0.01,
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the random search: the same path again.")] = 0,
-    timeout: Annotated[float, typer.Option("--timeout", metavar="SECONDS", help="For the search.")] = 5.0,
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", help="Of random numbers, the same again for the same; for the search.")
+    ] = 0,
+    timeout: Annotated[
+        float, typer.Option("--timeout", metavar="SECONDS", help="How long at most; for the search.")
+    ] = 5.0,
     velocity: Velocity = None,
     acceleration: Acceleration = None,
     jerk: Jerk = None,
@@ -46,13 +62,21 @@ def plan(
         bool, typer.Option("--rest", help="Rest at each point; corners are rounded where that is free if not given.")
     ] = False,
     out: Out = None,
-    picture: Annotated[Path | None, typer.Option("--picture", metavar="FILE", help="Draw it into a .png file.")] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option("--picture", metavar="FILE", help="Draw a picture; of the arm among the obstacles, .png."),
+    ] = None,
     json: Json = False,
     base: Base = None,
     tip: Tip = None,
     nominal: Nominal = False,
 ) -> int:
-    """Find a motion from joint values to joint values or a pose that touches nothing."""
+    r"""Find a motion from joint values to joint values or a pose that touches nothing.
+
+    For example:
+      pieper plan ur5e --world world.yaml --from 1.2,-1.2,1.2,-1.6,-1.6,0 \
+          --to -1.2,-1.2,1.2,-1.6,-1.6,0 --out plan.csv
+    """
     from pieper.motion import files, planning
     from pieper.motion.collision import CollisionModel
     from pieper.motion.world import World, read_world
@@ -65,10 +89,10 @@ def plan(
         raise PieperError(f"--out must end in {', '.join(files.FORMATS)}, got {str(out)!r}")
     robot = load(arm, base=base, tip=tip, nominal=nominal)
     around = World() if world is None else read_world(world)
-    q_start = seed_values(robot, start, degrees=degrees, option="--from")
+    q_start = start_values(robot, start, degrees=degrees)
     goal: Any
     if target is None:
-        goal = seed_values(robot, to, degrees=degrees, option="--to")
+        goal = start_values(robot, to, degrees=degrees, option="--to")
     else:
         goal = wanted(*target, rpy=rpy, quaternion=quaternion, axis=None, degrees=degrees).target()
     model = CollisionModel(robot, around, margin=margin)
@@ -83,7 +107,7 @@ def plan(
     if picture is not None:
         _draw(robot, around, found, picture)
     if json:
-        print_json(_record(found, motion))
+        print_json(_record(robot, found, motion))
     else:
         _print(robot, found, motion)
         for path in (out if found.found else None, picture):
@@ -130,13 +154,13 @@ def _print(robot: Arm, found: Plan, motion: Trajectory | None) -> None:
         out.print(f"{found.status}  {found.reason}", style="red", markup=False, soft_wrap=True)
 
 
-def _record(found: Plan, motion: Trajectory | None) -> dict[str, Any]:
+def _record(robot: Arm, found: Plan, motion: Trajectory | None) -> dict[str, Any]:
     pair = found.blocking
     return {
+        **about(robot),
         "found": found.found,
         "status": found.status,
         "reason": found.reason,
-        "joint_names": list(found.joint_names),
         "q": found.q,
         "duration": None if motion is None else motion.duration,
         "blocking": None if pair is None else {"first": pair.first, "second": pair.second, "distance": pair.distance},

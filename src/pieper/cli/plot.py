@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
-from pieper.cli.arguments import ArmName, Base, Degrees, Nominal, Quaternion, Rpy, Seed, Tip, load
-from pieper.cli.show import console, small
+from pieper.cli import completion
+from pieper.cli.arguments import ArmName, Base, Degrees, Nominal, Quaternion, Rpy, Start, Tip, load
+from pieper.cli.show import say, small
+from pieper.cli.verb import Group, Verb
 from pieper.errors import ArrayError, PieperError, UnknownNameError, unknown_name
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 _STOP = 1e-3  # [m] where an iteration ends when nothing is said about its end
 _MOST_STEPS = 1000  # likewise
+_THEMES = ("light", "dark")
 
 
 class Orientation(str, Enum):
@@ -45,54 +47,58 @@ class Question(str, Enum):
 
 Files = Annotated[
     list[Path] | None,
-    typer.Option("--trajectory", metavar="FILE", help="CSV, JSON or NPZ with joint values over time; may be repeated."),
+    typer.Option("--trajectory", metavar="FILE", help="A motion, .csv, .json or .npz; may be repeated."),
 ]
 FromIteration = Annotated[
     bool,
     typer.Option("--from-iteration", help="Draw the steps of the Jacobian iteration to --target instead of a file."),
 ]
 Target = Annotated[
-    tuple[float, float, float] | None, typer.Option("--target", metavar="X Y Z", help="Target in the base frame [m].")
+    tuple[float, float, float] | None,
+    typer.Option(
+        "--target", metavar="X Y Z", help="Position of the tip in the base frame [m]; where the iteration goes."
+    ),
 ]
-Orient = Annotated[Orientation, typer.Option("--orientation", help="Iteration: what it does about the orientation.")]
+Orient = Annotated[
+    Orientation,
+    typer.Option(
+        "--orientation", metavar="HOW", help="Iteration: what it does about the orientation: ignore, hold or reach."
+    ),
+]
 Alpha = Annotated[float, typer.Option("--alpha", metavar="A", help="Iteration: gain of the whole step.")]
 K1 = Annotated[
-    list[float] | None, typer.Option("--k1", metavar="K", help="Iteration: gain of the position; repeat to compare.")
+    list[float] | None,
+    typer.Option(
+        "--k1", metavar="K", help="Iteration: gain of the position; 1 by default, may be repeated to compare."
+    ),
 ]
 K2 = Annotated[float, typer.Option("--k2", metavar="K", help="Iteration: gain of the rotation.")]
 Damping = Annotated[float, typer.Option("--damping", metavar="D", help="Iteration: damping; 0 for the pseudo-inverse.")]
 Iterations = Annotated[
     int | None, typer.Option("--iterations", metavar="N", help="Iteration: number of steps at most.")
 ]
-Stop = Annotated[
-    float | None, typer.Option("--stop", metavar="M", help="Iteration: ends this close to the target [m].")
+Tolerance = Annotated[
+    float | None, typer.Option("--tolerance", metavar="M", help="Iteration: ends this close to the target [m].")
 ]
-Save = Annotated[
-    Path | None, typer.Option("--save", metavar="FILE", help="Write a .png, .pdf or .svg instead of opening a window.")
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", metavar="FILE", help="Write the result; as .png, .pdf or .svg instead of in a window."),
 ]
-Dark = Annotated[bool, typer.Option("--dark", help="Light lines on dark paper.")]
+Theme = Annotated[
+    str, typer.Option("--theme", metavar="THEME", help="light or dark.", autocompletion=completion.themes)
+]
 Title = Annotated[str, typer.Option("--title", metavar="TEXT", help="Heading of the figure.")]
 
 
-class _Figures(TyperGroup):
-    """A group that helps without arguments, and knows near matches."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the arguments."""
-        return super().parse_args(ctx, args or ["--help"])
-
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """The figure of that name."""
-        command = super().get_command(ctx, cmd_name)
-        if command is None and not cmd_name.startswith("-"):
-            raise unknown_name("figure", cmd_name, self.commands)
-        return command
+class _Figures(Group):
+    thing = "figure"
 
 
 app = typer.Typer(
     cls=_Figures,
     rich_markup_mode=None,
-    help="Figures as papers print them. They open in a window, or --save writes them.",
+    subcommand_metavar="FIGURE ...",
+    help="Figures as papers print them. They open in a window, or --out writes them.",
     epilog="Draws the joint values of --trajectory FILE, or with --from-iteration the steps to --target.",
 )
 
@@ -123,19 +129,27 @@ class _Look:
 
 
 def _path(robot: Arm, runs: list[Run], asked: _Iteration, look: _Look) -> Any:
-    """The path of the tip in three dimensions, and how far it strays from a straight line."""
+    """The path of the tip in three dimensions, and how far it strays from a straight line.
+
+    For example:
+      pieper plot path ur5e --trajectory move.csv --out path.png
+    """
     from pieper.viewer import plot
 
     paths = {run.label: robot.fk(run.rows)[:, :3, 3] for run in runs}
     for label, points in paths.items():
         line = plot.straight_line(points, asked.target)
-        _say(f"{label}: {len(points)} points, at most {small(line.largest, 'm')} off the straight line")
+        say(f"{label}: {len(points)} points, at most {small(line.largest, 'm')} off the straight line")
     given = paths if len(paths) > 1 else next(iter(paths.values()))
     return plot.path(given, target=asked.target, title=look.title, theme=look.theme)
 
 
 def _joints(robot: Arm, runs: list[Run], asked: _Iteration, look: _Look) -> Any:
-    """Joint values and velocities over time, with what the limits forbid shaded; --deg draws degrees."""
+    """Joint values and velocities over time, with what the limits forbid shaded; --deg draws degrees.
+
+    For example:
+      pieper plot joints ur5e --trajectory move.csv --deg --out joints.png
+    """
     from pieper.viewer import plot
 
     if len(runs) > 1:
@@ -144,7 +158,12 @@ def _joints(robot: Arm, runs: list[Run], asked: _Iteration, look: _Look) -> Any:
 
 
 def _error(robot: Arm, runs: list[Run], asked: _Iteration, look: _Look) -> Any:
-    """What is left to the target against the iteration, or against the row of a file, on a logarithmic axis."""
+    r"""What is left to the target against the iteration, or against the row of a file, on a logarithmic axis.
+
+    For example:
+      pieper plot error ur5e --from-iteration --target 0.5 0.2 0.4 \
+          --k1 0.1 --k1 0.5 --out error.png
+    """
     import numpy as np
 
     from pieper.viewer import plot
@@ -156,7 +175,7 @@ def _error(robot: Arm, runs: list[Run], asked: _Iteration, look: _Look) -> Any:
         left[run.label] = run.steps or np.linalg.norm(robot.fk(run.rows)[:, :3, 3] - np.array(asked.target), axis=1)
         if run.steps:
             distance, count = small(float(np.linalg.norm(run.steps[-1].error[:3])), "m"), run.steps[-1].iteration
-            _say(f"{run.label}: {distance} left after {count} steps")
+            say(f"{run.label}: {distance} left after {count} steps")
     iterated = all(run.steps for run in runs)
     rate = 1.0 - asked.alpha * asked.gains[0]
     shrinks = iterated and len(runs) == 1 and rate > 0.0 and not asked.damping
@@ -165,7 +184,11 @@ def _error(robot: Arm, runs: list[Run], asked: _Iteration, look: _Look) -> Any:
 
 
 def _manipulability(robot: Arm, runs: list[Run], asked: _Iteration, look: _Look) -> Any:
-    """Manipulability along a path, and the distance to the nearest singularity."""
+    """Manipulability along a path, and the distance to the nearest singularity.
+
+    For example:
+      pieper plot manipulability ur5e --trajectory move.csv --out w.png
+    """
     from pieper.viewer import plot
 
     return plot.manipulability(robot, {run.label: run.q for run in runs}, title=look.title, theme=look.theme)
@@ -187,23 +210,23 @@ def _verb(draw: Callable[[Arm, list[Run], _Iteration, _Look], Any]) -> Callable[
         k2: K2 = 1.0,
         damping: Damping = 0.0,
         iterations: Iterations = None,
-        stop: Stop = None,
-        seed: Seed = None,
+        tolerance: Tolerance = None,
+        start: Start = None,
         degrees: Degrees = False,
-        save: Save = None,
-        dark: Dark = False,
+        out: Out = None,
+        theme: Theme = "light",
         title: Title = "",
         base: Base = None,
         tip: Tip = None,
         nominal: Nominal = False,
     ) -> int:
-        _check(save)
+        _check(out, theme)
         robot = load(arm, base=base, tip=tip, nominal=nominal)
         asked = _Iteration(
-            target, rpy, quaternion, orientation, alpha, k1, k2, damping, iterations, stop, seed, degrees
+            target, rpy, quaternion, orientation, alpha, k1, k2, damping, iterations, tolerance, start, degrees
         )
         runs = _runs(robot, trajectory, from_iteration, asked)
-        _finish(draw(robot, runs, asked, _Look(degrees, title, _theme(dark))), save)
+        _finish(draw(robot, runs, asked, _Look(degrees, title, theme)), out)
         return asked.outcome(runs)
 
     run.__doc__ = draw.__doc__
@@ -216,45 +239,54 @@ for _draw, _summary in {
     _error: "What is left to the target against the iteration.",
     _manipulability: "Manipulability along a path.",
 }.items():
-    app.command(_draw.__name__[1:], short_help=_summary)(_verb(_draw))
+    app.command(_draw.__name__[1:], cls=Verb, short_help=_summary, rich_help_panel="A motion")(_verb(_draw))
 
 
-@app.command(short_help="Two models side by side, and their difference.")
+@app.command(cls=Verb, short_help="Two models side by side, and their difference.", rich_help_panel="Models")
 def compare(
     arm: ArmName,
-    other: Annotated[str, typer.Argument(metavar="OTHER", help="The other model of the same arm.")],
+    other: Annotated[
+        str, typer.Argument(metavar="OTHER", help="The other model of the same arm.", autocompletion=completion.tables)
+    ],
     question: Annotated[
-        Question, typer.Option("--question", help="The same joint values, or the same pose.")
+        Question,
+        typer.Option("--question", metavar="WHAT", help="fk at the same joint values, or ik of the same pose."),
     ] = Question.FK,
     at: Annotated[
         str | None,
-        typer.Option("--at", metavar="Q1,Q2,...", help="Joint values that the others keep while one sweeps."),
+        typer.Option(
+            "--at",
+            metavar="Q1,Q2,...",
+            help="Joint values that the others keep while one sweeps [rad or m; with --deg, deg or m].",
+        ),
     ] = None,
     samples: Annotated[int, typer.Option("--samples", metavar="N", help="Values per joint.")] = 121,
     as_is: Annotated[
         bool, typer.Option("--as-is", help="Do not turn the tip frame of OTHER to lie like the first.")
     ] = False,
     degrees: Degrees = False,
-    save: Save = None,
-    dark: Dark = False,
+    out: Out = None,
+    theme: Theme = "light",
     title: Title = "",
     nominal: Nominal = False,
 ) -> int:
-    """Two models side by side, and their difference in mm and mrad while each joint sweeps its range."""
-    from pieper.cli.target import seed_values
+    """Two models side by side, and their difference in mm and mrad while each joint sweeps its range.
+
+    For example:
+      pieper plot compare mh12-report mh12 --out models.png
+    """
+    from pieper.cli.target import start_values
     from pieper.viewer import plot
     from pieper.viewer.compare import Comparison
 
-    _check(save)
+    _check(out, theme)
     robot, second = load(arm, nominal=nominal), load(other)
-    q = None if at is None else seed_values(robot, at, degrees=degrees, option="--at")
+    q = None if at is None else start_values(robot, at, degrees=degrees, option="--at")
     for rule in Comparison(robot, second, turn_tip=not as_is).rules:
-        _say(rule)
-    figure = plot.compare(
-        robot, second, question=question.value, q=q, samples=samples, turn_tip=not as_is, degrees=degrees, title=title,
-        theme=_theme(dark),
-    )  # fmt: skip
-    _finish(figure, save)
+        say(rule)
+    shown: Any = {"degrees": degrees, "title": title, "theme": theme}
+    figure = plot.compare(robot, second, question=question.value, q=q, samples=samples, turn_tip=not as_is, **shown)
+    _finish(figure, out)
     return 0
 
 
@@ -271,8 +303,8 @@ class _Iteration:
     k2: float
     damping: float
     iterations: int | None
-    stop: float | None
-    seed: str | None
+    tolerance: float | None
+    start: str | None
     degrees: bool
 
     @property
@@ -281,12 +313,12 @@ class _Iteration:
 
     @property
     def position_stop(self) -> float | None:
-        return _STOP if self.stop is None and self.iterations is None else self.stop
+        return _STOP if self.tolerance is None and self.iterations is None else self.tolerance
 
     def runs(self, robot: Arm) -> list[Run]:
         import numpy as np
 
-        from pieper.cli.target import seed_values, wanted
+        from pieper.cli.target import start_values, wanted
         from pieper.ik.iteration import iterate
 
         if self.target is None:
@@ -296,7 +328,7 @@ class _Iteration:
             raise PieperError("--orientation reach and --rpy or --quat belong together; give both or neither")
         goal = wanted(*self.target, rpy=self.rpy, quaternion=self.quaternion, axis=None, degrees=self.degrees)
         goal.target()  # refuses what does not go together
-        start = seed_values(robot, self.seed, degrees=self.degrees)
+        start = start_values(robot, self.start, degrees=self.degrees)
         made = []
         for gain in self.gains:
             steps = tuple(
@@ -363,29 +395,23 @@ def _between(trajectory: Trajectory) -> NDArray[np.float64]:
     return trajectory.sample(np.append(t, trajectory.t[-1])).q
 
 
-def _check(save: Path | None) -> None:
+def _check(out: Path | None, theme: str) -> None:
     """Complain before any work where the figure can go nowhere."""
     from pieper.viewer import plot
 
-    if save is None:
+    if theme not in _THEMES:
+        raise unknown_name("theme", theme, _THEMES)
+    if out is None:
         plot.need_screen()
     else:
-        plot.checked_file(save)
+        plot.checked_file(out)
 
 
-def _finish(figure: Any, save: Path | None) -> None:
+def _finish(figure: Any, out: Path | None) -> None:
     from pieper.viewer import plot
 
-    if save is None:
+    if out is None:
         plot.show(figure)
     else:
-        plot.save(figure, save)
-        typer.echo(f"wrote {save}", err=True)
-
-
-def _theme(dark: bool) -> Any:
-    return "dark" if dark else "light"
-
-
-def _say(line: str) -> None:
-    console().print(line, markup=False)
+        plot.save(figure, out)
+        typer.echo(f"wrote {out}", err=True)

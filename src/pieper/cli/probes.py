@@ -118,7 +118,7 @@ def extra(name: str) -> Finding:
 
 _INSTEAD = {
     "cyclonedds": "source a ROS 2 installation, whose rclpy is taken then, or build cyclonedds",
-    "mujoco": "take Python 3.11 or later",
+    "mujoco": "take Python 3.11 or later, on macOS a processor of Apple",
     "coal": "take Linux or macOS",
     "ompl": "take Python 3.10 to 3.13 on Linux or macOS",
     "zarr": "take Python 3.11 or later",
@@ -142,7 +142,9 @@ def is_wanted(
         return version < (3, 14) and system != "Windows"
     if package == "coal":
         return system != "Windows"
-    return package not in ("mujoco", "zarr") or version >= (3, 11)
+    if package == "mujoco":
+        return version >= (3, 11) and (system, machine) != ("Darwin", "x86_64")
+    return package != "zarr" or version >= (3, 11)
 
 
 def ros() -> Finding:

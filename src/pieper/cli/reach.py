@@ -16,17 +16,18 @@ from pieper.cli.arguments import (
     Nominal,
     Quaternion,
     Rpy,
-    Seed,
+    Start,
     Tip,
     X,
     Y,
     Z,
+    about,
     load,
     turning,
 )
 from pieper.cli.ik import outcome
 from pieper.cli.show import console, gauge, number, numbers, print_json, small, table_lines
-from pieper.cli.target import seed_values, wanted
+from pieper.cli.target import start_values, wanted
 
 if TYPE_CHECKING:
     import numpy as np
@@ -57,7 +58,7 @@ def reach(
     quaternion: Quaternion = None,
     axis: Axis = None,
     degrees: Degrees = False,
-    seed: Seed = None,
+    start: Start = None,
     animate: Annotated[
         bool | None, typer.Option("--animate/--no-animate", help="Show each step; by default on a terminal only.")
     ] = None,
@@ -66,14 +67,18 @@ def reach(
     nominal: Nominal = False,
     as_json: Json = False,
 ) -> int:
-    """Bring the tip to a target, starting from zero: joint table, errors, or how far the nearest pose is."""
+    """Bring the tip to a target, starting from zero: joint table, errors, or how far the nearest pose is.
+
+    For example:
+      pieper reach mh12 0.3 0.3 0.3
+    """
     from pieper.ik.solve import solve
 
     robot = load(arm, base=base, tip=tip, nominal=nominal)
     goal = wanted(x, y, z, rpy=rpy, quaternion=quaternion, axis=axis, degrees=degrees)
-    start = seed_values(robot, seed, degrees=degrees)
+    q_start = start_values(robot, start, degrees=degrees)
     target = goal.target()
-    steps = _walk(robot, goal, start)
+    steps = _walk(robot, goal, q_start)
     answers = solve(robot.chain, target, seed=_first_seed(robot, steps))
     reached = bool(answers.reached)
     q = answers.q[0] if reached else answers.nearest.q
@@ -104,10 +109,7 @@ def _record(robot: Arm, goal: Wanted, answers: IKSolutions, q: NDArray[np.float6
     T = robot.fk(q)
     position_error, rotation_error = _errors(answers)
     return {
-        "arm": robot.name,
-        "base": robot.base,
-        "tip": robot.tip,
-        "joint_names": robot.joint_names,
+        **about(robot),
         "target": goal.record(),
         **outcome(answers),
         "q": q,

@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pieper.cli import completion
 from pieper.cli.arguments import ArmName, Axis, Base, Degrees, Nominal, Quaternion, Rpy, Tip, load
-from pieper.cli.show import console
-from pieper.cli.target import seed_values, wanted
+from pieper.cli.pixels import pixels
+from pieper.cli.progress import progress_bar
+from pieper.cli.show import say
+from pieper.cli.target import start_values, wanted
 from pieper.errors import ArrayError, unknown_name
 
 if TYPE_CHECKING:
@@ -29,14 +32,19 @@ def render(
     arm: ArmName,
     out: Annotated[Path, typer.Argument(metavar="FILE", help="A .png picture, or an .mp4 or .gif film.")],
     q: Annotated[
-        str | None, typer.Option("--q", metavar="Q1,Q2,...", help="Joint values, separated by commas; zero by default.")
+        str | None,
+        typer.Option(
+            "--q", metavar="Q1,Q2,...", help="Joint values, zero by default [rad or m; with --deg, deg or m]."
+        ),
     ] = None,
     trajectory: Annotated[
-        Path | None, typer.Option("--trajectory", metavar="FILE", help="Show the motion in a .csv, .json or .npz file.")
+        Path | None, typer.Option("--trajectory", metavar="FILE", help="A motion, .csv, .json or .npz.")
     ] = None,
     target: Annotated[
         tuple[float, float, float] | None,
-        typer.Option("--target", metavar="X Y Z", help="Solve for this target [m] and move there from --q."),
+        typer.Option(
+            "--target", metavar="X Y Z", help="Position of the tip in the base frame [m]; the arm moves there from --q."
+        ),
     ] = None,
     rpy: Rpy = None,
     quaternion: Quaternion = None,
@@ -51,31 +59,46 @@ def render(
             metavar="TABLE",
             help="Draw the arm of a DH table with its frames: simplified or full for the youBot; standard, modified or "
             "hayati for any arm.",
+            autocompletion=completion.drawings,
         ),
     ] = None,
     size: Annotated[
-        str | None, typer.Option("--size", metavar="WxH", help="Pixels; 960x720 for a picture, 640x480 for a film.")
+        str | None,
+        typer.Option(
+            "--size",
+            metavar="WxH",
+            help="Pixels, width and height; 960x720 for a picture, 640x480 for a film by default.",
+        ),
     ] = None,
     view: Annotated[
         str,
         typer.Option(
-            "--view", metavar="VIEW", help="corner, front, back, left, right, top; or AZIMUTH,ELEVATION [deg]."
+            "--seen-from",
+            metavar="VIEW",
+            help="corner, front, back, left, right, top; or AZIMUTH,ELEVATION [deg].",
+            autocompletion=completion.views,
         ),
     ] = "corner",
-    theme: Annotated[str, typer.Option("--theme", metavar="THEME", help="light or dark.")] = "light",
-    color: Annotated[str | None, typer.Option("--color", metavar="#RRGGBB", help="Colour of the arm.")] = None,
+    theme: Annotated[
+        str, typer.Option("--theme", metavar="THEME", help="light or dark.", autocompletion=completion.themes)
+    ] = "light",
+    color: Annotated[str | None, typer.Option("--arm-color", metavar="#RRGGBB", help="Colour of the arm.")] = None,
     grid: Annotated[bool, typer.Option("--grid/--no-grid", help="Floor with a grid, or nothing.")] = True,
     meshes: Annotated[
         bool, typer.Option("--meshes/--no-meshes", help="Meshes of the description, or a shape made from the joints.")
     ] = True,
-    fps: Annotated[float | None, typer.Option("--fps", metavar="N", help="Frames per second of a film.")] = None,
-    speed: Annotated[float, typer.Option("--speed", metavar="X", help="Play a film X times as fast.")] = 1.0,
+    fps: Annotated[float | None, typer.Option("--fps", metavar="N", help="Frames a second; of a film.")] = None,
+    speed: Annotated[float, typer.Option("--speed", metavar="X", help="Play it X times as fast; a film.")] = 1.0,
     hold: Annotated[float, typer.Option("--hold", metavar="SECONDS", help="Show the end of a film this long.")] = 0.0,
     base: Base = None,
     tip: Tip = None,
     nominal: Nominal = False,
 ) -> int:
-    """Draw an arm into a PNG picture, or its motion into an MP4 or GIF film; needs no screen."""
+    """Draw an arm into a PNG picture, or its motion into an MP4 or GIF film; needs no screen.
+
+    For example:
+      pieper render mh12 mh12.png --frames
+    """
     from pieper.motion import files
     from pieper.sim.picture import Picture
 
@@ -89,9 +112,9 @@ def render(
     robot = load(arm, base=base, tip=tip, nominal=nominal)
     if dh is not None:
         robot = _arm_of_table(robot, dh)
-    picture = Picture(size=_size(size, film), theme=theme, view=_view(view), grid=grid)
+    picture = Picture(size=pixels(size or (_MOVING if film else _STILL)), theme=theme, view=_view(view), grid=grid)
     shown: dict[str, Any] = {"color": color, "frames": frames or dh is not None, "axes": axes, "meshes": meshes}
-    start = seed_values(robot, q, degrees=degrees, option="--q")
+    start = start_values(robot, q, degrees=degrees, option="--q")
     move, answers = None, None
     if target is not None:
         goal = wanted(*target, rpy=rpy, quaternion=quaternion, axis=axis, degrees=degrees)
@@ -106,10 +129,10 @@ def render(
         _save_film(picture, out, fps=fps, speed=speed, hold=hold)
     else:
         picture.save(out, t=picture.duration)
-        console().print(f"wrote {out}  {_pixels(picture)}", markup=False, soft_wrap=True)
+        say(f"wrote {out}  {_pixels(picture)}")
     if answers is None or answers.reached:
         return 0
-    console().print(f"not reached  {answers.reason}", style="red", markup=False)
+    say(f"not reached  {answers.reason}", "red")
     return 1
 
 
@@ -118,13 +141,6 @@ def _is_film(out: Path) -> bool:
     if suffix not in (".png", ".mp4", ".gif"):
         raise ArrayError(f"FILE must end in .png, .mp4 or .gif, got {str(out)!r}")
     return suffix != ".png"
-
-
-def _size(text: str | None, film: bool) -> tuple[int, int]:
-    words = (text or (_MOVING if film else _STILL)).lower().split("x")
-    if len(words) != 2 or not all(word.strip().isdecimal() for word in words):
-        raise ArrayError(f"--size must be width x height in pixels, such as 960x720, got {text!r}")
-    return int(words[0]), int(words[1])
 
 
 def _view(text: str) -> str | tuple[float, float]:
@@ -138,7 +154,7 @@ def _view(text: str) -> str | tuple[float, float]:
         azimuth, elevation = float("nan"), 0.0
     if not (isfinite(azimuth) and -90.0 <= elevation <= 90.0):
         raise ArrayError(
-            f"--view must be a name, or AZIMUTH,ELEVATION in degrees, the latter from -90 to 90, got {text!r}"
+            f"--seen-from must be a name, or AZIMUTH,ELEVATION in degrees, the latter from -90 to 90, got {text!r}"
         )
     return radians(azimuth), radians(elevation)
 
@@ -180,25 +196,11 @@ def _move_to(robot: Arm, start: Any, goal: Wanted) -> tuple[Trajectory, IKSoluti
 
 
 def _save_film(picture: Picture, out: Path, *, fps: float | None, speed: float, hold: float) -> None:
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
     from pieper.sim import film
 
-    screen = Console(stderr=True)
-    columns = (TextColumn("frames"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as bar:
-        task = bar.add_task("frames")
-        count = film.save(
-            picture,
-            out,
-            fps=fps,
-            speed=speed,
-            hold=hold,
-            progress=lambda done, of: bar.update(task, completed=done, total=of),
-        )
-    words = f"wrote {out}  {_pixels(picture)}, {count} frames, motion {picture.duration:.2f} s"
-    console().print(words, markup=False, soft_wrap=True)
+    with progress_bar("frames") as advance:
+        count = film.save(picture, out, fps=fps, speed=speed, hold=hold, progress=advance)
+    say(f"wrote {out}  {_pixels(picture)}, {count} frames, motion {picture.duration:.2f} s")
 
 
 def _pixels(picture: Picture) -> str:

@@ -9,7 +9,11 @@ from pieper.cli.show import console, print_json, print_table
 
 
 def robots(as_json: Json = False) -> int:
-    """List the built-in robots, their short names and their sources."""
+    """List the built-in robots, their short names and their sources.
+
+    For example:
+      pieper robots
+    """
     from pieper.model import catalog
 
     rows = [_row(catalog.record(name), catalog.ALIASES) for name in catalog.names()]

@@ -6,11 +6,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
-from pieper.cli import bags, topics, tracker
+from pieper.cli import bags, completion, topics, tracker
 from pieper.cli.arguments import Base, Nominal, Tip, load
 from pieper.cli.node import Backend, Domain, Network, RosCommand, joined, ros_arguments
+from pieper.cli.verb import Group, Verb
 from pieper.errors import PieperError, RosError, unknown_name
 from pieper.ros.nodes import NODES
 
@@ -29,28 +29,19 @@ Words = Annotated[
     typer.Argument(
         metavar="ARM NAME:=VALUE",
         help="A built-in robot, a URDF, xacro or JSON file, or topic:/robot_description; then parameters of the node.",
+        autocompletion=completion.robots,
     ),
 ]
 
 
-class _Nodes(TyperGroup):
-    """A group that helps without arguments, and knows near matches."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the arguments."""
-        return super().parse_args(ctx, args or ["--help"])
-
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """The verb of that name."""
-        command = super().get_command(ctx, cmd_name)
-        if command is None and not cmd_name.startswith("-"):
-            raise unknown_name("node", cmd_name, self.commands)
-        return command
+class _Nodes(Group):
+    thing = "node"
 
 
 app = typer.Typer(
     cls=_Nodes,
     rich_markup_mode=None,
+    subcommand_metavar="NODE ...",
     help="Nodes on the robot's network, with a ROS 2 installation or without one.",
     epilog="ROS arguments come last: --ros-args -r target:=goal -p rate:=50.0 -r __ns:=/cell2. Ctrl-C ends a node; its exit "
     "code is 0 then.",
@@ -87,7 +78,9 @@ def _verb(entry: Entry) -> Callable[..., None]:
             _check_declared(entry, bus, parameters)
             bus.spin()
 
-    run.__doc__ = entry.summary
+    run.__doc__ = (
+        f"{entry.summary}\n\nFor example:\n  pieper ros {entry.name}{'' if entry.needs == 'nothing' else ' mh12'}"
+    )
     return run
 
 
@@ -149,7 +142,11 @@ def _check_declared(entry: Entry, bus: Bus, parameters: list[str]) -> None:
 
 
 def _list() -> None:
-    """List the nodes."""
+    """List the nodes.
+
+    For example:
+      pieper ros list
+    """
     from pieper.cli.show import console, print_table
 
     print_table(
@@ -164,10 +161,12 @@ def _list() -> None:
 
 for _entry in NODES.values():
     _run = tracker.tracker if _entry.needs == "video" else _verb(_entry)
-    app.command(_entry.name, cls=RosCommand, short_help=_entry.summary)(_run)
-app.command("list", short_help="List the nodes.")(_list)
-app.command("pub", cls=RosCommand, short_help="Send a message to a topic.")(topics.pub)
-app.command("echo", cls=RosCommand, short_help="Print the messages of a topic.")(topics.echo)
-app.command("call", cls=RosCommand, short_help="Call a service.")(topics.call)
-app.command("record", cls=RosCommand, short_help="Record topics in a bag.")(bags.record)
-app.command("replay", cls=RosCommand, short_help="Send the messages of a bag again.")(bags.replay)
+    app.command(_entry.name, cls=RosCommand, short_help=_entry.summary, rich_help_panel="Nodes")(_run)
+app.command("list", cls=Verb, short_help="List the nodes.", rich_help_panel="Nodes")(_list)
+app.command("pub", cls=RosCommand, short_help="Send a message to a topic.", rich_help_panel="Topics")(topics.pub)
+app.command("echo", cls=RosCommand, short_help="Print the messages of a topic.", rich_help_panel="Topics")(topics.echo)
+app.command("call", cls=RosCommand, short_help="Call a service.", rich_help_panel="Services")(topics.call)
+app.command("record", cls=RosCommand, short_help="Record topics in a bag.", rich_help_panel="Bags")(bags.record)
+app.command("replay", cls=RosCommand, short_help="Send the messages of a bag again.", rich_help_panel="Bags")(
+    bags.replay
+)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+    from pathlib import Path
 
     import numpy as np
     from numpy.typing import NDArray
@@ -21,6 +22,17 @@ def console() -> Console:
     from rich.console import Console
 
     return Console(file=sys.stdout, highlight=False, soft_wrap=False)
+
+
+def say(words: str, style: str | None = None) -> None:
+    """One sentence on standard output, as long as it is."""
+    console().print(words, style=style, markup=False, highlight=False, soft_wrap=True)
+
+
+def written(path: Path, *, json: bool) -> None:
+    """Say that a file was written, unless standard output is for JSON."""
+    if not json:
+        say(f"wrote {path}")
 
 
 def print_table(out: Console, headings: Sequence[str], rows: Iterable[Sequence[str]], *, title: str = "") -> None:

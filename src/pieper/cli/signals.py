@@ -20,6 +20,21 @@ def handled(numbers: Iterable[int], handler: Callable[..., object]) -> Iterator[
 
 
 @contextmanager
+def ended_by_a_signal() -> Iterator[None]:
+    """An order to end is taken as Ctrl-C is, so that half-written files are cleared away; one that is ignored stays so."""
+    here = threading.current_thread() is threading.main_thread()
+    if not here or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+    with handled((signal.SIGTERM,), _interrupt):
+        yield
+
+
+def _interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+@contextmanager
 def stopped_once(stop: Callable[[], object]) -> Iterator[list[int]]:
     """Ctrl-C, or an order to end, calls `stop`; a second one ends at once. Gives the signals that came."""
     came: list[int] = []

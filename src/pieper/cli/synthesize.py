@@ -7,7 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pieper.cli.show import console, print_json, print_table
+from pieper.cli import completion
+from pieper.cli.arguments import Json
+from pieper.cli.pixels import pixels
+from pieper.cli.progress import progress_bar
+from pieper.cli.show import console, print_json, print_table, say
 from pieper.errors import VisionError
 
 if TYPE_CHECKING:
@@ -15,15 +19,23 @@ if TYPE_CHECKING:
 
 
 def synthesize(
-    scene: Annotated[str | None, typer.Argument(metavar="SCENE", help="Name of a scene; --list shows them.")] = None,
+    scene: Annotated[
+        str | None,
+        typer.Argument(metavar="SCENE", help="Name of a scene; --list shows them.", autocompletion=completion.scenes),
+    ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FOLDER", help="Where to; the scene's name by default.")
+        Path | None,
+        typer.Option("--out", "-o", metavar="FOLDER", help="Write the result; into the scene's name by default."),
     ] = None,
     show: Annotated[bool, typer.Option("--list", help="List the scenes and leave.")] = False,
-    frames: Annotated[int | None, typer.Option("--frames", metavar="N", help="How many.")] = None,
-    fps: Annotated[float | None, typer.Option("--fps", metavar="N", help="Frames per second.")] = None,
-    size: Annotated[str, typer.Option("--size", metavar="WxH", help="Pixels of a frame.")] = "640x480",
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the noise.")] = 1,
+    count: Annotated[int | None, typer.Option("--count", metavar="N", help="How many; frames of the film.")] = None,
+    fps: Annotated[float | None, typer.Option("--fps", metavar="N", help="Frames a second; of the film.")] = None,
+    size: Annotated[
+        str, typer.Option("--size", metavar="WxH", help="Pixels, width and height; of a frame.")
+    ] = "640x480",
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", help="Of random numbers, the same again for the same; for the noise.")
+    ] = 1,
     noise: Annotated[float | None, typer.Option("--noise", metavar="SIGMA", help="Grey levels of 255.")] = None,
     exposure: Annotated[float | None, typer.Option("--exposure", metavar="SECONDS", help="Motion blur.")] = None,
     light: Annotated[
@@ -47,36 +59,39 @@ def synthesize(
     ] = None,
     lossless: Annotated[bool, typer.Option("--lossless", help="PNG pictures instead of a video.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Write over what is there.")] = False,
-    json_: Annotated[bool, typer.Option("--json", help="Print JSON for scripts.")] = False,
+    as_json: Json = False,
 ) -> int:
-    """Draw a scene with exact truth: video, truth, calibration, patterns, and regions that show the colours."""
+    """Draw a scene with exact truth: video, truth, calibration, patterns, and regions that show the colours.
+
+    For example:
+      pieper synthesize clean --count 30
+    """
     from pieper.perception import scene_folder
-    from pieper.perception.scene import PRESETS, preset
+    from pieper.perception.scene_presets import PRESETS, preset
 
     if show or scene is None:
         if scene is None and not show:
             raise VisionError(f"name a scene: {', '.join(PRESETS)}")
-        _list(json_)
+        _list(as_json)
         return 0
     made = preset(scene, _size(size))
     wanted: dict[str, Any] = {
-        "frames": frames, "fps": fps, "noise": noise, "exposure": exposure, "light": light, "gradient": gradient, "cast": cast,
+        "frames": count, "fps": fps, "noise": noise, "exposure": exposure, "light": light, "gradient": gradient, "cast": cast,
         "shadow": shadow, "quality": quality,
     }  # fmt: skip
     made = made.but(seed=seed, **{key: value for key, value in wanted.items() if value is not None})
     folder = out or Path(scene)
-    count = _write(made, folder, lossless=lossless, force=force)
+    written = _write(made, folder, lossless=lossless, force=force)
     film = scene_folder.FRAMES if lossless else scene_folder.VIDEO
-    if json_:
-        print_json({"scene": scene, "folder": str(folder), "film": film, "frames": count, "fps": made.fps})
+    if as_json:
+        print_json({"scene": scene, "folder": str(folder), "film": film, "frames": written, "fps": made.fps})
         return 0
-    words = f"wrote {folder}  {film} of {count} frames, {count / made.fps:.2f} s, and {scene_folder.TRUTH}"
-    console().print(words, markup=False, soft_wrap=True)
+    say(f"wrote {folder}  {film} of {written} frames, {written / made.fps:.2f} s, and {scene_folder.TRUTH}")
     return 0
 
 
 def _list(as_json: bool) -> None:
-    from pieper.perception.scene import PRESETS, preset
+    from pieper.perception.scene_presets import PRESETS, preset
 
     rows: list[dict[str, Any]] = []
     for name in PRESETS:
@@ -103,25 +118,14 @@ def _words(value: Any) -> str:
 
 
 def _size(text: str) -> tuple[int, int]:
-    words = text.lower().split("x")
-    if len(words) != 2 or not all(word.strip().isdecimal() for word in words):
-        raise VisionError(f"--size must be width x height in pixels, such as 640x480, got {text!r}")
-    width, height = int(words[0]), int(words[1])
+    width, height = pixels(text)
     if not (16 <= width <= 8192 and 16 <= height <= 8192):
         raise VisionError(f"--size must be 16 to 8192 pixels each way, got {text!r}")
     return width, height
 
 
 def _write(scene: Scene, folder: Path, *, lossless: bool, force: bool) -> int:
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
     from pieper.perception import scene_folder
 
-    screen = Console(stderr=True)
-    columns = (TextColumn("frames"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as bar:
-        task = bar.add_task("frames", total=len(scene))
-        return scene_folder.write(
-            scene, folder, lossless=lossless, force=force, progress=lambda done, _: bar.update(task, completed=done)
-        )
+    with progress_bar("frames") as advance:
+        return scene_folder.write(scene, folder, lossless=lossless, force=force, progress=advance)

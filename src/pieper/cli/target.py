@@ -109,7 +109,7 @@ def wanted(
     return Wanted((x, y, z), rpy, quaternion, axis)
 
 
-def seed_values(arm: Arm, text: str | None, *, degrees: bool, option: str = "--seed") -> Any:
+def start_values(arm: Arm, text: str | None, *, degrees: bool, option: str = "--from") -> Any:
     """(n,) joint values to start from; where none were typed, zero, or the limit nearest to zero."""
     import numpy as np
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pieper.cli import completion
 from pieper.cli.node import Backend, Domain, Network, joined, ros_arguments
 from pieper.errors import MissingExtraError, RosError
 
@@ -24,7 +25,12 @@ _TO_BE_SENT = 0.2  # seconds that a last message is given to leave
 TopicName = Annotated[str, typer.Argument(metavar="TOPIC", help="For example /target.")]
 Quality = Annotated[
     str | None,
-    typer.Option("--qos", metavar="NAME", help="default, latched or sensor; by itself what the topic usually has."),
+    typer.Option(
+        "--qos",
+        metavar="NAME",
+        help="default, latched or sensor; by itself what the topic usually has.",
+        autocompletion=completion.qualities,
+    ),
 ]
 
 
@@ -35,21 +41,25 @@ def pub(
         list[str] | None,
         typer.Argument(metavar="[TYPE] [FIELDS]", help="As geometry_msgs/msg/Point '{x: 0.3, y: 0.3, z: 0.3}'."),
     ] = None,
-    once: Annotated[bool, typer.Option("--once", "-1", help="Send one message and leave.")] = False,
-    times: Annotated[int | None, typer.Option("--times", "-t", metavar="N", help="Send N messages and leave.")] = None,
-    rate: Annotated[float, typer.Option("--rate", metavar="HZ", help="Messages per second.")] = 1.0,
-    wait: Annotated[
+    once: Annotated[bool, typer.Option("--once", "-1", help="Leave after the first message.")] = False,
+    times: Annotated[int | None, typer.Option("--times", "-t", metavar="N", help="Leave after N messages.")] = None,
+    rate: Annotated[float, typer.Option("--rate", metavar="HZ", help="How many a second; messages.")] = 1.0,
+    timeout: Annotated[
         float,
-        typer.Option("--wait", metavar="SECONDS", help="How long to wait for a subscriber, with --once and --times."),
+        typer.Option(
+            "--timeout", metavar="SECONDS", help="How long at most; for a subscriber, with --once and --times."
+        ),
     ] = 10.0,
     quality: Quality = None,
     backend: Backend = None,
     network: Network = False,
     domain: Domain = None,
 ) -> int:
-    """Send a message to a topic, again and again.
+    r"""Send a message to a topic, again and again.
 
-    As in: pieper ros pub /target geometry_msgs/msg/Point '{x: 0.3, y: 0.3, z: 0.3}' --once
+    For example:
+      pieper ros pub /target geometry_msgs/msg/Point \
+          '{x: 0.3, y: 0.3, z: 0.3}' --once
     """
     type_name, fields = _type_and_fields(topic, words or [])
     count = 1 if once else times
@@ -72,9 +82,9 @@ def pub(
                 publisher.send(message)
                 sent += 1
 
-        if count is not None and not bus.spin_until(lambda: publisher.subscribers > 0, timeout=wait):
+        if count is not None and not bus.spin_until(lambda: publisher.subscribers > 0, timeout=timeout):
             if bus.ok:
-                return _nobody(f"nobody listens to {publisher.topic} ({type_name}); waited {wait:g} s")
+                return _nobody(f"nobody listens to {publisher.topic} ({type_name}); waited {timeout:g} s")
             return 0
         send()
         bus.timer(1.0 / rate, send)
@@ -89,11 +99,11 @@ def echo(
     type_name: Annotated[
         str | None, typer.Argument(metavar="[TYPE]", help="As sensor_msgs/msg/JointState; needless for usual names.")
     ] = None,
-    once: Annotated[bool, typer.Option("--once", help="Leave after the first message.")] = False,
-    count: Annotated[int | None, typer.Option("--count", metavar="N", help="Leave after N messages.")] = None,
+    once: Annotated[bool, typer.Option("--once", "-1", help="Leave after the first message.")] = False,
+    times: Annotated[int | None, typer.Option("--times", "-t", metavar="N", help="Leave after N messages.")] = None,
     timeout: Annotated[
         float | None,
-        typer.Option("--timeout", metavar="SECONDS", help="Leave after that time; exit code 1 if nothing came."),
+        typer.Option("--timeout", metavar="SECONDS", help="How long at most; exit code 1 if nothing came."),
     ] = None,
     field: Annotated[
         str | None, typer.Option("--field", metavar="NAME", help="Print one field only, such as header.stamp.")
@@ -103,14 +113,18 @@ def echo(
     network: Network = False,
     domain: Domain = None,
 ) -> int:
-    """Print the messages of a topic as YAML."""
+    """Print the messages of a topic as YAML.
+
+    For example:
+      pieper ros echo /joint_states --once
+    """
     from pieper.ros import messages
 
     name, _ = _type_and_fields(topic, [type_name] if type_name else [])
     path = _field_path(name, field)
-    wanted = 1 if once else count
+    wanted = 1 if once else times
     if wanted is not None and wanted < 1:
-        raise RosError(f"--count takes a count from 1 on, got {wanted}")
+        raise RosError(f"--times takes a count from 1 on, got {wanted}")
     dump = _dumper()
     heard: list[Any] = []
     printed = 0
@@ -151,13 +165,18 @@ def call(
         str | None, typer.Argument(metavar="[FIELDS]", help="Of the request, as '{q: {z: 0.7, w: 0.7}}'.")
     ] = None,
     timeout: Annotated[
-        float, typer.Option("--timeout", metavar="SECONDS", help="How long to wait for the server and its answer.")
+        float, typer.Option("--timeout", metavar="SECONDS", help="How long at most; for the server and its answer.")
     ] = 10.0,
     backend: Backend = None,
     network: Network = False,
     domain: Domain = None,
 ) -> int:
-    """Call a service, and print its answer as YAML."""
+    r"""Call a service, and print its answer as YAML.
+
+    For example:
+      pieper ros call /quat2zyx pieper_interfaces/srv/QuatToZYX \
+          '{q: {z: 0.7, w: 0.7}}'
+    """
     from pieper.ros import messages
 
     full = _full_type(type_name, "srv")

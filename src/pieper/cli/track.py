@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pieper.cli import completion
 from pieper.cli.outputs import keep_apart
+from pieper.cli.pixels import pixels
+from pieper.cli.progress import progress_bar
 from pieper.cli.show import console
 from pieper.cli.signals import stopped_once
 from pieper.errors import VisionError, unknown_name
@@ -19,8 +21,9 @@ if TYPE_CHECKING:
     from pieper.perception.field_view import View
     from pieper.perception.follow import Follows, Found, Resumed, Summary
     from pieper.perception.frame import Frame
-    from pieper.perception.output import TrackWriter, VideoFile
+    from pieper.perception.output import TrackWriter
     from pieper.perception.source import Source
+    from pieper.perception.video_file import VideoFile
 
 METHODS = ("pieper", "report")
 _INTERRUPTED = 130
@@ -38,17 +41,27 @@ def track(
     colors: Annotated[Path, typer.Option("--colors", metavar="FILE", help="Colours, from learn-colour.")],
     field: Annotated[
         Path | None,
-        typer.Option("--field", metavar="FILE", help="Field, from calibrate-field: metres instead of pixels."),
+        typer.Option("--field", metavar="FILE", help="The field, from calibrate-field; metres instead of pixels."),
     ] = None,
     patterns: Annotated[
         str | None,
-        typer.Option("--patterns", metavar="PATTERNS", help="Markers of the robots: report, ssl, vsss or a YAML file."),
+        typer.Option(
+            "--patterns",
+            metavar="NAME",
+            help="Markers of the robots: report, ssl, vsss, circles, or a YAML file.",
+            autocompletion=completion.patterns,
+        ),
     ] = None,
-    ball: Annotated[str | None, typer.Option("--ball", metavar="COLOUR", help="Colour of a ball.")] = None,
+    ball: Annotated[
+        str | None, typer.Option("--ball", metavar="NAME", help="Colour of the ball.", autocompletion=completion.colors)
+    ] = None,
     largest: Annotated[
         list[str] | None,
         typer.Option(
-            "--largest", metavar="COLOUR", help="Without patterns: follow only the largest patch of this colour."
+            "--largest",
+            metavar="NAME",
+            help="Without patterns: follow only the largest patch of this colour.",
+            autocompletion=completion.colors,
         ),
     ] = None,
     within: Annotated[
@@ -62,19 +75,24 @@ def track(
     method: Annotated[
         str,
         typer.Option(
-            "--method", metavar="METHOD", help="pieper, or report: the pipeline of the report, as it is printed."
+            "--method",
+            metavar="METHOD",
+            help="pieper, or report: the pipeline of the report, as it is printed.",
+            autocompletion=completion.methods,
         ),
     ] = "pieper",
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Table of tracks: .csv, .jsonl or .parquet.")
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Write the result; the tracks as .csv, .jsonl or .parquet."),
     ] = None,
-    video: Annotated[
-        Path | None, typer.Option("--video", metavar="FILE", help="Video with everything drawn in: .mp4 or .avi.")
+    record: Annotated[
+        Path | None,
+        typer.Option("--record", metavar="FILE", help="Film it; with everything found drawn in, .mp4 or .avi."),
     ] = None,
     start: Annotated[int, typer.Option("--start", metavar="N", help="First frame, from 0.")] = 0,
     stop: Annotated[int | None, typer.Option("--stop", metavar="N", help="Frame before which to end.")] = None,
     adapt: Annotated[bool, typer.Option("--adapt/--no-adapt", help="Let the colours follow the light slowly.")] = True,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with the table in --out, where it ended.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with what --out holds.")] = False,
     warm_up: Annotated[
         float,
         typer.Option(
@@ -82,10 +100,12 @@ def track(
         ),
     ] = 2.0,
     size: Annotated[
-        str | None, typer.Option("--size", metavar="WxH", help="Of raw BGR frames on standard input.")
+        str | None,
+        typer.Option("--size", metavar="WxH", help="Pixels, width and height; of raw BGR frames on standard input."),
     ] = None,
     fps: Annotated[
-        float | None, typer.Option("--fps", metavar="N", help="Of images, raw frames, or to ask a camera for.")
+        float | None,
+        typer.Option("--fps", metavar="N", help="Frames a second; of images, raw frames, or to ask a camera for."),
     ] = None,
     patience: Annotated[
         float,
@@ -96,7 +116,12 @@ def track(
     ] = 60,
     verbose: Annotated[bool, typer.Option("--verbose", help="Print every detection with its radius.")] = False,
 ) -> int:
-    """Follow coloured markers, or robots that carry them; in pixels, or in metres with --field."""
+    r"""Follow coloured markers, or robots that carry them; in pixels, or in metres with --field.
+
+    For example:
+      pieper track clean/video.mp4 --colors colors.yaml \
+          --field clean/field.yaml --patterns clean/patterns.yaml --out tracks.csv
+    """
     from pieper.perception.follow import Summary, follow
     from pieper.perception.opencv import quiet
     from pieper.perception.output import create_tracks
@@ -106,8 +131,12 @@ def track(
     quiet()
     if method not in METHODS:
         raise unknown_name("method", method, METHODS)
-    keep_apart([source, colors, field, patterns], {"--out": out, "--video": video})
-    _check_files(out, video, resume, warm_up)
+    keep_apart([source, colors, field, patterns], {"--out": out, "--record": record})
+    _check_files(out, record, resume, warm_up)
+    if size is not None and source != "-":
+        raise VisionError(
+            f"--size is for raw frames on standard input, named -; {source} tells its own size, so leave it out"
+        )
     model, tracker, view, heights = _tracker(
         colors, field, patterns, ball, largest or [], within, method=method, adapt=adapt, tracked=source
     )
@@ -120,7 +149,7 @@ def track(
                 source,
                 start=start if resumed is None else resumed.start,
                 stop=stop,
-                size=None if size is None else _size(size),
+                size=None if size is None else pixels(size),
                 fps=fps,
                 patience=patience,
             )
@@ -128,15 +157,17 @@ def track(
         if out is not None and table is None:
             table = create_tracks(out, unit=view.unit, source=name)
             stack.callback(table.close)
-        film = _film(stack, video, frames, resumed)
+        film = _film(stack, record, frames, resumed)
         overlay = Overlay(view, colors=dict(zip(model.names, model.draw, strict=True)), height=heights, trail=trail)
         try:
-            with stopped_once(frames.stop) as signals, _progress(frames, start, stop, resumed) as advance:
+            first = start if resumed is None else resumed.last + 1
+            left = _left(frames, first, stop)
+            with stopped_once(frames.stop) as signals, progress_bar("frames", left) as advance:
 
                 def on_step(frame: Frame, step: Found) -> None:
                     if verbose:
                         _print_detections(step)
-                    advance(frame, summary)
+                    advance(frame.index + 1 - first, words=_beside(summary))
 
                 follow(
                     frames, tracker, tracks=table, video=film, overlay=overlay if film else None, on_step=on_step,
@@ -154,7 +185,8 @@ def track(
 
 
 def _check_files(out: Path | None, video: Path | None, resume: bool, warm_up: float) -> None:
-    from pieper.perception.output import table_path, video_path
+    from pieper.perception.output import table_path
+    from pieper.perception.video_file import video_path
 
     if resume and out is None:
         raise VisionError("--resume goes on with a table; name it by --out")
@@ -248,8 +280,8 @@ def _continued(
 
 def _film(stack: ExitStack, video: Path | None, frames: Source, resumed: Resumed | None) -> VideoFile | None:
     """The annotated video; one that goes on has the number of its first frame in its name, beside the one before."""
-    from pieper.perception.output import VideoFile
     from pieper.perception.reader import FPS
+    from pieper.perception.video_file import VideoFile
 
     if video is None:
         return None
@@ -260,32 +292,16 @@ def _film(stack: ExitStack, video: Path | None, frames: Source, resumed: Resumed
     return film
 
 
-@contextmanager
-def _progress(
-    frames: Source, start: int, stop: int | None, resumed: Resumed | None
-) -> Iterator[Callable[[Frame, Summary], None]]:
-    """A bar on standard error, where that is a terminal: frames, frames per second, and the time that is left."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    first = start if resumed is None else resumed.last + 1
+def _left(frames: Source, first: int, stop: int | None) -> int | None:
+    """How many frames there are from the first on; None where nobody knows."""
     ends = [n for n in (stop, frames.info.frames) if n is not None]
-    screen = Console(stderr=True)
-    columns = (
-        TextColumn("frames"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as bar:
-        task = bar.add_task("frames", total=max(min(ends) - first, 0) if ends else None, rate="")
+    return max(min(ends) - first, 0) if ends else None
 
-        def advance(frame: Frame, summary: Summary) -> None:
-            lost = f", {summary.dropped} dropped" if summary.dropped else ""
-            bar.update(task, completed=frame.index + 1 - first, rate=f"{summary.fps:.0f} fps{lost}")
 
-        yield advance
+def _beside(summary: Summary) -> str:
+    """What is said beside the bar."""
+    lost = f", {summary.dropped} dropped" if summary.dropped else ""
+    return f"{summary.fps:.0f} fps{lost}"
 
 
 def _print_detections(step: Found) -> None:
@@ -314,13 +330,6 @@ def _print_summary(summary: Summary, out: Path | None, video: Path | None, unit:
         say(f"wrote {out}  in {'metres' if unit == 'm' else 'pixels'}", markup=False, soft_wrap=True)
     if video is not None:
         say(f"wrote {video}", markup=False, soft_wrap=True)
-
-
-def _size(text: str) -> tuple[int, int]:
-    words = text.lower().split("x")
-    if len(words) != 2 or not all(word.strip().isdecimal() for word in words):
-        raise VisionError(f"--size must be width x height in pixels, such as 640x480, got {text!r}")
-    return int(words[0]), int(words[1])
 
 
 def _rectangle(text: str) -> tuple[float, float, float, float]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pieper.cli import completion
 from pieper.cli.node import Backend, Domain, Network, joined, ros_arguments
 from pieper.errors import PieperError
 
@@ -26,24 +27,42 @@ _PATIENCE = 0.05  # seconds between looks at whether the node was ended, while a
 def tracker(
     context: typer.Context,
     source: Annotated[
-        str, typer.Argument(metavar="VIDEO", help="A video, a folder of images, a camera (0), rtsp://...")
+        str,
+        typer.Argument(
+            metavar="VIDEO",
+            help="A video, a folder of images, a camera (0, /dev/video0), rtsp://... or http://..., or - for standard input.",
+        ),
     ],
     colors: Annotated[Path, typer.Option("--colors", metavar="FILE", help="Colours, from learn-colour.")],
     field: Annotated[
-        Path | None, typer.Option("--field", metavar="FILE", help="Field, from calibrate-field; without it, pixels.")
+        Path | None,
+        typer.Option("--field", metavar="FILE", help="The field, from calibrate-field; metres instead of pixels."),
     ] = None,
     patterns: Annotated[
-        str | None, typer.Option("--patterns", metavar="NAME", help="report, ssl, vsss, circles, or a YAML file.")
+        str | None,
+        typer.Option(
+            "--patterns",
+            metavar="NAME",
+            help="Markers of the robots: report, ssl, vsss, circles, or a YAML file.",
+            autocompletion=completion.patterns,
+        ),
     ] = None,
-    ball: Annotated[str | None, typer.Option("--ball", metavar="COLOR", help="Colour of the ball.")] = None,
+    ball: Annotated[
+        str | None, typer.Option("--ball", metavar="NAME", help="Colour of the ball.", autocompletion=completion.colors)
+    ] = None,
     speed: Annotated[
-        float, typer.Option("--speed", help="Of a recording: 1 as it was taken, 0 as fast as it can be read.")
+        float, typer.Option("--speed", metavar="X", help="Play it X times as fast; 0 as fast as it can be read.")
     ] = 1.0,
     backend: Backend = None,
     network: Network = False,
     domain: Domain = None,
 ) -> None:
-    """Robots and balls that a camera sees."""
+    r"""Robots and balls that a camera sees.
+
+    For example:
+      pieper ros tracker clean/video.mp4 --colors colors.yaml \
+          --field clean/field.yaml --patterns clean/patterns.yaml
+    """
     from pieper.perception.color import ColorModel
     from pieper.perception.pipeline import MarkerTracker
     from pieper.perception.source import open_source

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pieper.cli import completion
 from pieper.cli.arguments import ArmName, Base, Degrees, Nominal, Tip, load
 from pieper.cli.screen import has_display
 from pieper.cli.signals import handled
-from pieper.cli.target import seed_values
+from pieper.cli.target import start_values
 from pieper.errors import ArrayError, PieperError
 
 if TYPE_CHECKING:
@@ -34,7 +35,10 @@ _CLOSE = 1e-3  # [m] where it ends
 def view(
     arm: ArmName,
     q: Annotated[
-        str | None, typer.Option("--q", metavar="Q1,Q2,...", help="Joint values at the beginning, separated by commas.")
+        str | None,
+        typer.Option(
+            "--q", metavar="Q1,Q2,...", help="Joint values, zero by default [rad or m; with --deg, deg or m]."
+        ),
     ] = None,
     degrees: Degrees = False,
     solve: Annotated[
@@ -46,42 +50,57 @@ def view(
             "--compare",
             metavar="OTHER",
             help="A second model beside it, and how they differ; ROBOT:TABLE for DH rows on record.",
+            autocompletion=completion.tables,
         ),
     ] = None,
     trajectory: Annotated[
         list[Path] | None,
-        typer.Option("--trajectory", metavar="FILE", help="A motion to play, .csv, .json or .npz; may be repeated."),
+        typer.Option("--trajectory", metavar="FILE", help="A motion, .csv, .json or .npz; may be repeated."),
     ] = None,
     iterate: Annotated[
         tuple[float, float, float] | None,
         typer.Option("--iterate", metavar="X Y Z", help="Play the steps of the Jacobian iteration to a position [m]."),
     ] = None,
-    gain: Annotated[
+    k1: Annotated[
         list[float] | None,
-        typer.Option("--gain", metavar="K", help="Of that iteration, 0.1 by itself; may be repeated, to compare."),
+        typer.Option(
+            "--k1", metavar="K", help="Iteration: gain of the position; 0.1 by default, may be repeated to compare."
+        ),
     ] = None,
-    hold: Annotated[
-        bool, typer.Option("--hold", help="The iteration holds the orientation, and does not ignore it.")
+    hold_orientation: Annotated[
+        bool, typer.Option("--hold-orientation", help="The iteration holds the orientation, and does not ignore it.")
     ] = False,
     workspace: Annotated[
         Path | None,
-        typer.Option("--map", metavar="MAP.zarr", help="A map of `pieper workspace --out`, as coloured points."),
+        typer.Option("--map", metavar="FOLDER", help="A map of `pieper workspace --out`, as coloured points."),
     ] = None,
     show: Annotated[
-        str, typer.Option("--show", metavar="QUANTITY", help="What its colours show: dexterity, manipulability, ...")
+        str,
+        typer.Option(
+            "--show",
+            metavar="QUANTITY",
+            help="What the colours show: dexterity, manipulability, ...",
+            autocompletion=completion.quantities,
+        ),
     ] = "dexterity",
     export: Annotated[
         Path | None,
-        typer.Option("--export", metavar="FILE.html", help="Write the scene as one page that opens offline, and end."),
+        typer.Option(
+            "--export",
+            metavar="FILE",
+            help="Write it for other programs; the scene as one .html that opens offline, and end.",
+        ),
     ] = None,
     port: Annotated[
         int | None,
-        typer.Option("--port", metavar="N", help="This port or none; by itself 8080, or a free one where it is taken."),
+        typer.Option("--port", metavar="N", help="Port of the page; by default 8080, or a free one where it is taken."),
     ] = None,
     browser: Annotated[
-        bool, typer.Option("--browser/--no-browser", help="Open the browser; never done where there is no display.")
+        bool, typer.Option("--browser/--no-browser", help="Open the browser; never where there is no display.")
     ] = True,
-    theme: Annotated[str, typer.Option("--theme", metavar="THEME", help="light or dark.")] = "light",
+    theme: Annotated[
+        str, typer.Option("--theme", metavar="THEME", help="light or dark.", autocompletion=completion.themes)
+    ] = "light",
     frames: Annotated[bool, typer.Option("--frames", help="Draw every frame of the arm, with its name.")] = False,
     axes: Annotated[bool, typer.Option("--axes", help="Draw the joint axes, with their names.")] = False,
     meshes: Annotated[
@@ -91,13 +110,18 @@ def view(
     tip: Tip = None,
     nominal: Nominal = False,
 ) -> int:
-    """Open an arm in the browser: jog it, drag its tip, compare it, play motions. On this machine alone; Ctrl-C ends it."""
+    """Open an arm in the browser: jog it, drag its tip, compare it, play motions. On this machine alone; Ctrl-C ends it.
+
+    For example:
+      pieper view ur5e --solve
+      pieper view mh12 --export mh12.html
+    """
     if theme not in _THEMES:
         raise ArrayError(f"--theme must be light or dark, got {theme!r}")
     if export is not None and export.suffix.lower() not in (".html", ".htm"):
         raise ArrayError(f"--export writes a page, whose name ends in .html, got {str(export)!r}")
     robot = load(arm, base=base, tip=tip, nominal=nominal)
-    start = seed_values(robot, q, degrees=degrees, option="--q")
+    start = start_values(robot, q, degrees=degrees, option="--q")
 
     from pieper.sim.kinematic import KinematicSimulator
     from pieper.viewer.paths import COLORS
@@ -112,7 +136,7 @@ def view(
         panels.append(_comparison(arm, robot, compare))
     tracks = [
         *_files(robot, trajectory or []),
-        *_iterations(robot, simulated.read().q, iterate, gain or [0.1], hold=hold),
+        *_iterations(robot, simulated.read().q, iterate, k1 or [0.1], hold=hold_orientation),
     ]
     if tracks:
         panels.append(PathsPanel([replace(track, color=color) for track, color in zip(tracks, cycle(COLORS))]))

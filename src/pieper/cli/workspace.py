@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import os
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pieper.cli import completion
 from pieper.cli.arguments import ArmName, Base, Json, Nominal, Tip, load
 from pieper.cli.outputs import keep_apart
-from pieper.cli.show import console, print_json
+from pieper.cli.progress import progress_bar
+from pieper.cli.show import console, print_json, written
 from pieper.cli.signals import stopped_once
 from pieper.errors import ArrayError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
     from pieper.arm import Arm
     from pieper.motion.world import World
     from pieper.workspace.map import Summary, WorkspaceMap
@@ -34,7 +33,7 @@ Tool = Annotated[
 ]
 ToolRpy = Annotated[
     tuple[float, float, float] | None,
-    typer.Option("--tool-rpy", metavar="ROLL PITCH YAW", help="And how it is turned there [rad]."),
+    typer.Option("--tool-rpy", metavar="ROLL PITCH YAW", help="A tool: how it is turned there [rad]."),
 ]
 
 
@@ -53,9 +52,17 @@ def workspace(
     ] = None,
     tool: Tool = None,
     tool_rpy: ToolRpy = None,
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Turn all orientations together; 0 for none.")] = 0,
+    seed: Annotated[
+        int,
+        typer.Option(
+            "--seed",
+            metavar="N",
+            help="Of random numbers, the same again for the same; for a turn of all orientations, 0 for none.",
+        ),
+    ] = 0,
     redundancy: Annotated[
-        int, typer.Option("--redundancy", metavar="N", help="Seven joints: values tried of the one that is held.")
+        int,
+        typer.Option("--redundancy-samples", metavar="N", help="Seven joints: values tried of the one that is held."),
     ] = 16,
     collision: Annotated[
         bool, typer.Option("--collision", help="Count only answers in which the arm does not touch itself. Slow.")
@@ -63,10 +70,14 @@ def workspace(
     world: Annotated[
         Path | None,
         typer.Option(
-            "--world", metavar="FILE", help="And nothing in this YAML file of obstacles, in the base frame. Slow."
+            "--world",
+            metavar="FILE",
+            help="YAML file of obstacles in the base frame; answers touch none of them. Slow.",
         ),
     ] = None,
-    margin: Annotated[float, typer.Option("--margin", metavar="M", help="Distance that is kept then [m].")] = 0.0,
+    margin: Annotated[
+        float, typer.Option("--margin", metavar="M", help="Distance that is kept [m]; with --collision and --world.")
+    ] = 0.0,
     counts_only: Annotated[
         bool, typer.Option("--counts-only", help="Poses and solutions alone, without measures of how good they are.")
     ] = False,
@@ -74,25 +85,36 @@ def workspace(
         int, typer.Option("--chunk", metavar="N", help="Voxels along a chunk: what is stored, or lost, at once.")
     ] = 12,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="MAP.zarr", help="Keep the map in a folder as it is made.")
+        Path | None,
+        typer.Option(
+            "--out", "-o", metavar="FOLDER", help="Write the result; the map, as it is made, into a .zarr folder."
+        ),
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with a map that was begun in --out.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with what --out holds.")] = False,
     workers: Annotated[
-        int | None, typer.Option("--workers", metavar="N", help="Processes; as many as cores by default.")
+        int | None, typer.Option("--workers", metavar="N", help="Processes at work; as many as cores by default.")
     ] = None,
     dask: Annotated[
         str | None, typer.Option("--dask", metavar="ADDRESS", help="Of a Dask scheduler, as tcp://10.0.0.1:8786.")
     ] = None,
     show: Annotated[
-        str, typer.Option("--show", metavar="QUANTITY", help="What the figure shows: dexterity, manipulability, ...")
+        str,
+        typer.Option(
+            "--show",
+            metavar="QUANTITY",
+            help="What the colours show: dexterity, manipulability, ...",
+            autocompletion=completion.quantities,
+        ),
     ] = "dexterity",
     figure: Annotated[
-        Path | None, typer.Option("--figure", metavar="FILE", help="Draw it into a .png, .pdf or .svg file.")
+        Path | None, typer.Option("--figure", metavar="FILE", help="Draw a .png, .pdf or .svg; the map.")
     ] = None,
     exports: Annotated[
         list[Path] | None,
         typer.Option(
-            "--export", metavar="FILE", help="Write it as .csv, .h5, .vtk, or its surface as .ply; repeatable."
+            "--export",
+            metavar="FILE",
+            help="Write it for other programs; .csv, .h5, .vtk, or its surface as .ply. May be repeated.",
         ),
     ] = None,
     level: Annotated[
@@ -104,7 +126,11 @@ def workspace(
     tip: Tip = None,
     nominal: Nominal = False,
 ) -> int:
-    """Map where an arm can reach, with how many of all orientations, solutions, and how far from limits and singularities."""
+    """Map where an arm can reach, with how many of all orientations, solutions, and how far from limits and singularities.
+
+    For example:
+      pieper workspace ur5e --voxel 0.2 --orientations 20 --out ur5e.zarr
+    """
     from pieper.workspace.survey import survey
 
     files = exports or []
@@ -139,14 +165,14 @@ def workspace(
     for file in files:
         from pieper.workspace.export import export
 
-        _say_written(export(found, file, level=level), json=json)
+        written(export(found, file, level=level), json=json)
     if figure is not None:
         from pieper.viewer import plot
         from pieper.viewer.map_figure import workspace as drawn
 
-        _say_written(plot.save(drawn(found, quantity=show, chain=robot.chain, title=robot.name), figure), json=json)
+        written(plot.save(drawn(found, quantity=show, chain=robot.chain, title=robot.name), figure), json=json)
     if out is not None:
-        _say_written(out, json=json)
+        written(out, json=json)
     return 0 if summary.reachable > 0.0 else 1
 
 
@@ -237,11 +263,11 @@ def _make(asked: Survey, hands: Workers, out: Path | None, *, resume: bool) -> t
         kept: Store | None = None
         if out is not None:
             kept = stores.resume(out, asked) if begun else stores.create(out, asked)
-        with stopped_once(_say_stopping) as came, _progress(asked) as advance:
+        with stopped_once(_say_stopping) as came, progress_bar("chunks", asked.grid.chunks) as advance:
 
             def tell(step: Progress) -> None:
                 told[:] = [step]
-                advance(step)
+                advance(step.chunks, words=_beside(step))
 
             return run(asked, kept, workers=hands, progress=tell, stop=lambda: bool(came)), told[0]
     finally:
@@ -252,35 +278,10 @@ def _say_stopping() -> None:
     typer.echo("\nfinishing the chunks under way; once more to leave at once", err=True)
 
 
-@contextmanager
-def _progress(asked: Survey) -> Iterator[Callable[[Progress], None]]:
-    """A bar on standard error, where that is a terminal: chunks, poses per second, and the time that is left."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
-
-    screen = Console(stderr=True)
-    columns = (
-        TextColumn("chunks"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
-        TimeRemainingColumn(),
-    )
-    with Bar(*columns, console=screen, transient=True, disable=not screen.is_terminal) as bar:
-        task = bar.add_task("chunks", total=asked.grid.chunks, rate="")
-
-        def advance(step: Progress) -> None:
-            again = f", {step.retried} again" if step.retried else ""
-            rate = f"{step.rate / 1e6:.2f} million poses/s{again}" if step.poses else ""
-            bar.update(task, completed=step.chunks, rate=rate)
-
-        yield advance
-
-
-def _say_written(path: Path, *, json: bool) -> None:
-    if not json:
-        console().print(f"wrote {path}", markup=False, soft_wrap=True)
+def _beside(step: Progress) -> str:
+    """What is said beside the bar."""
+    again = f", {step.retried} again" if step.retried else ""
+    return f"{step.rate / 1e6:.2f} million poses/s{again}" if step.poses else ""
 
 
 def _record(found: WorkspaceMap, summary: Summary, last: Progress | None) -> dict[str, Any]:

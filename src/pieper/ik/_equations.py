@@ -113,7 +113,7 @@ class Equations:
         return largest
 
     def correct(self, q: FloatArray, iterations: int = 12) -> tuple[FloatArray, FloatArray, float, bool]:
-        """The point of the curve near `q`, its tangent, the least singular value that should not vanish, and whether
+        """The point of the curve near `q` (n,), its tangent (n,), the least singular value that should not vanish, and whether
         the residual was met.
         """
         before = np.inf

@@ -182,6 +182,11 @@ class SolutionCurve:
         Returns
         -------
         NearestPoint
+
+        Raises
+        ------
+        ArrayError
+            `q` has another shape.
         """
         wanted = as_joints(self.chain, q)
         if wanted.ndim != 1:
@@ -211,7 +216,7 @@ class SolutionCurve:
         return np.asarray(self.place(q, tolerance=tolerance) >= 0.0)
 
     def place(self, q: ArrayLike, *, tolerance: float = 1e-6) -> FloatArray:
-        """Places along the curve of some solutions; NaN for those that are elsewhere. Arguments as for `contains`."""
+        """Places (...) along the curve of some solutions (..., n); NaN for those that are elsewhere. Arguments as for `contains`."""
         values = as_joints(self.chain, q)
         points = values.reshape(-1, self.chain.dof)
         places = np.full(len(points), np.nan)

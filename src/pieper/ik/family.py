@@ -143,7 +143,13 @@ class Family:
 
     @cached_property
     def native(self) -> kernels.ClosedForm:
-        """The constants that the compiled solver takes; made once."""
+        """The constants that the compiled solver takes; made once.
+
+        Raises
+        ------
+        ArrayError
+            The arm has no closed form.
+        """
         if self.screws is None or self.home is None:
             raise ArrayError(
                 f"the arm has no closed form: {self.reason}; use pieper.ik.solve.solve, which takes another method"

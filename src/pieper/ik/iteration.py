@@ -207,8 +207,18 @@ def run(
     ----------
     callback : callable, optional
         Called with every `Step`, the start included. Returning False ends the run.
+    chain, target, q_start, orientation, alpha, k1, k2, damping, iterations, position_stop, rotation_stop, target_offset
+        As for `iterate`.
 
-    Other parameters, the result's attributes and errors are those of `iterate`.
+    Returns
+    -------
+    Step
+        Joint values, pose and what is left to go, in metres and radians.
+
+    Raises
+    ------
+    ArrayError, UnknownNameError
+        As from `iterate`.
 
     Examples
     --------

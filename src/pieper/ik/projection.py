@@ -216,7 +216,7 @@ def _last_is_free(chain: Chain, axis_tip: FloatArray | None) -> bool:
 
 
 def axis_misfit(chain: Chain, axis_tip: FloatArray) -> float:
-    """How far a tool axis is from being the last joint axis: angle [rad] plus distance in units of the size of the arm."""
+    """How far a tool axis, (3,) in the frame of the tip, is from being the last joint axis: angle [rad] plus distance in units of the size of the arm."""
     v, w = chain.screws[-1, :3], chain.screws[-1, 3:]
     if not w.any():
         return float("inf")
@@ -268,7 +268,7 @@ def _collect(
 
 
 def wrapped(chain: Chain, q: FloatArray) -> FloatArray:
-    """Turning joints brought to (-pi, pi]."""
+    """Joint values (..., n) with those of turning joints brought to (-pi, pi]."""
     return np.where(chain.is_revolute, _angle.wrap(q), q) if len(q) else q.copy()
 
 

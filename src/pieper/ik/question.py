@@ -18,6 +18,14 @@ if TYPE_CHECKING:
     from pieper.spatial._checks import FloatArray
 
 
+_INSTEAD = {
+    (3,): "for a position alone: pieper.ik.target.ignore_orientation",
+    (3, 3): "a pose has a position too: pieper.spatial.pose.from_position_rotation",
+    (7,): "make a pose of position and quaternion x, y, z, w with pieper.spatial.pose and .rotation",
+}
+"""What to do with a target of a shape that means something elsewhere."""
+
+
 @dataclass(frozen=True, eq=False)
 class Question:
     """Poses to reach and where to start from.
@@ -53,6 +61,9 @@ def ask(chain: Chain, T_base_tip: ArrayLike, seed: ArrayLike | None = None) -> Q
     except ArrayError:
         T = _numbers(T_base_tip)
         if T.ndim < 3 or T.shape[-2:] != (4, 4):
+            instead = _INSTEAD.get(T.shape)
+            if instead is not None:
+                raise ArrayError(f"T_base_tip must have shape (..., 4, 4), got {T.shape}; {instead}") from None
             raise
         T = T.copy()
         for index in np.ndindex(T.shape[:-2]):

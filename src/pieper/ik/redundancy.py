@@ -135,6 +135,16 @@ class Redundancy:
         count : int
         limited : bool
             False for a whole turn, whatever the limits of the joint.
+
+        Returns
+        -------
+        (count,) array
+            [rad or m].
+
+        Raises
+        ------
+        ArrayError
+            The joint slides without limits.
         """
         lower, upper = self.chain.limits[self.joint]
         if self.chain.is_revolute[self.joint] and (not limited or not upper - lower < _TURN):

@@ -160,7 +160,13 @@ class IKSolutions:
 
     @property
     def reason(self) -> str:
-        """What became of the target, in words; for one target, see `reasons` for a batch."""
+        """What became of the target, in words; for one target, see `reasons` for a batch.
+
+        Raises
+        ------
+        ArrayError
+            There is more than one target.
+        """
         if self.status.ndim:
             raise ArrayError(f"reason is for one target; this holds a batch of shape {self.status.shape}: use reasons")
         return str(self.reasons[()])
@@ -297,6 +303,12 @@ class IKSolutions:
         if self.status.ndim:
             raise ArrayError(f"copies are for one target; this holds a batch of shape {self.status.shape}")
         return copies_of(self.chain, self.q[self.valid], seed)
+
+    def __bool__(self) -> bool:
+        """Refused: answers that reach nothing are answers too, and ``if answers:`` would hold for them."""
+        raise ArrayError(
+            f"the answers have no truth value; ask answers.reached, which is True or False for each target, got {self}"
+        )
 
     def __repr__(self) -> str:
         return f"IKSolutions({self.chain.name!r}, {self.valid.shape[-1]} places, {self})"

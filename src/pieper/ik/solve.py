@@ -2,22 +2,42 @@
 
 from __future__ import annotations
 
+import inspect
 from typing import TYPE_CHECKING, Any
 
+from pieper.errors import ArrayError, unknown_name
 from pieper.ik.prepared import prepared
 from pieper.ik.solver import Solver
+from pieper.model.chain import Chain
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import ArrayLike
 
     from pieper.ik.solutions import IKSolutions
     from pieper.ik.target import Target
-    from pieper.model.chain import Chain
 
 
 def solver(chain: Chain) -> Solver:
     """The solver of a chain, made once (a few milliseconds) and kept with the chain, as long as that lives."""
+    if not isinstance(chain, Chain):
+        raise ArrayError(f"chain must be a Chain, as `arm.chain` is one, got {type(chain).__name__}")
     return prepared(chain, "solver", None, lambda: Solver(chain))
+
+
+def check_options(options: Mapping[str, Any]) -> None:
+    """Refuses options that `solve` has not, with those that it has.
+
+    Raises
+    ------
+    UnknownNameError
+        As for ``q0`` or ``initial_position``, which are called ``seed`` here.
+    """
+    known = [name for name in inspect.signature(Solver.solve).parameters if name not in ("self", "target")]
+    for name in options:
+        if name not in known:
+            raise unknown_name("option", name, known, "inverse kinematics")
 
 
 def solve(chain: Chain, target: ArrayLike | Target, *, seed: ArrayLike | None = None, **options: Any) -> IKSolutions:
@@ -61,6 +81,8 @@ def solve(chain: Chain, target: ArrayLike | Target, *, seed: ArrayLike | None = 
     ------
     ArrayError
         The target or the seed is malformed.
+    UnknownNameError
+        There is no such option.
 
     Notes
     -----
@@ -83,4 +105,8 @@ def solve(chain: Chain, target: ArrayLike | Target, *, seed: ArrayLike | None = 
     >>> print(solve(arm, ignore_orientation([3.0, 0.0, 0.45])).reason)
     out of reach by 1.46 m; the nearest pose found leaves 1.46 m
     """
-    return solver(chain).solve(target, seed, **options)
+    try:
+        return solver(chain).solve(target, seed, **options)
+    except TypeError:
+        check_options(options)
+        raise

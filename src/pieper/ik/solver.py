@@ -185,7 +185,7 @@ class Solver:
         restarts: int = 512,
         threads: int = 1,
     ) -> IKSolutions:
-        """Joint values that bring the tip to a target; see `pieper.ik.solve.solve`."""
+        """Joint values (..., k, n) that bring the tip to a target (..., 4, 4); arguments as for `pieper.ik.solve.solve`."""
         chosen, found = method or self.method, None
         if count is None and redundancy is None and mode in _MODES:
             tolerances = position_tolerance, rotation_tolerance

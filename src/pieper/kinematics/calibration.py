@@ -131,6 +131,11 @@ class Calibration:
             Joint values [rad or m].
         measured : (k, 3) or (k, 4, 4) array
             Positions or poses of the tip [m].
+
+        Returns
+        -------
+        Check
+            The errors before and after, in metres and radians.
         """
         values, T_measured, positions_only = _measurements(self.nominal, q, measured)
         T, moves = self._model.jacobian(values)
@@ -151,6 +156,16 @@ class Calibration:
             What can be measured. Default: random joint values within the limits, which may touch something.
         seed : int
             Of the random candidates.
+
+        Returns
+        -------
+        (count, n) array
+            Joint values [rad or m], the one that tells most first.
+
+        Raises
+        ------
+        ArrayError
+            More are wanted than there are candidates, or none; candidates of another shape.
         """
         if candidates is None:
             lower, upper = self.nominal.limits.T

@@ -77,7 +77,7 @@ class Seen:
 
 
 def take_apart(J: FloatArray, noise: float) -> Seen:
-    """Singular values of a whitened, scaled Jacobian; `noise` is the scale of the whitened residuals, 0 when there is none."""
+    """Singular values of a whitened, scaled Jacobian, (rows, p); `noise` is the scale of the whitened residuals, 0 when there is none."""
     U, s, Vt = np.linalg.svd(J, full_matrices=False)
     largest = float(s[0]) if s.size else 0.0
     tolerance = max(_ROUNDING * largest, noise / SEEN)
@@ -106,6 +106,10 @@ def report(
     positions_only : bool
     still : sequence of str
         Joints that stood still in all measurements.
+
+    Returns
+    -------
+    Identifiability
     """
     rows = seen.Vt[: seen.rank]
     variance = np.sum((rows / seen.s[: seen.rank, None]) ** 2, axis=0)

@@ -44,6 +44,11 @@ def as_joints(chain: Chain, q: ArrayLike, *, name: str = "q") -> NDArray[np.floa
             f"{name} must be an array of shape (..., {chain.dof}), got rows of different lengths"
         ) from cause
     if array.dtype.kind not in "fiu":
+        if array.shape == () and not isinstance(q, (str, np.ndarray)):
+            raise ArrayError(
+                f"{name} must be real numbers, got {type(q).__name__}; give an array of shape (..., {chain.dof}) "
+                f"in the order of the joints: {', '.join(chain.joint_names)}"
+            )
         raise ArrayError(f"{name} must be real numbers, got dtype {array.dtype}")
     if array.ndim == 0 or array.shape[-1] != chain.dof:
         raise ArrayError(

@@ -342,7 +342,13 @@ class Singularity:
     joint_names: tuple[str, ...]
 
     def joints(self, *, share: float = 0.2) -> list[str]:
-        """Names of the joints with at least that participation, the strongest first; for one pose, not a batch."""
+        """Names of the joints with at least that participation, the strongest first; for one pose, not a batch.
+
+        Raises
+        ------
+        ArrayError
+            The report is of a batch.
+        """
         if self.participation.ndim != 1:
             raise ArrayError(
                 "joints() is for one pose; this report holds a batch of shape "

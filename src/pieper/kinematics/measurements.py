@@ -90,7 +90,18 @@ def read_measurements(path: str | Path, chain: Chain) -> tuple[FloatArray, Float
 
 
 def write_measurements(path: str | Path, chain: Chain, q: FloatArray, measured: FloatArray | None = None) -> None:
-    """Write joint values, (k, n), and what was measured, (k, 3) or (k, 4, 4); without it the columns stay empty, to be filled in.
+    """Write joint values and what was measured; without it the columns stay empty, to be filled in.
+
+    Parameters
+    ----------
+    path : path
+        Is written as CSV.
+    chain : Chain
+        Whose joint names head the columns.
+    q : (k, n) array
+        Joint values [rad or m].
+    measured : (k, 3) or (k, 4, 4) array, optional
+        Positions or poses of the tip [m, -].
 
     Raises
     ------

@@ -191,7 +191,7 @@ class ScrewParameters:
         return found
 
     def moved(self, step: FloatArray) -> ScrewParameters:
-        """The arm after a step of all parameters; axes stay unit screws without pitch."""
+        """The arm after a step (p,) of all parameters; axes stay unit screws without pitch."""
         at = 0
         screws, home, anchors = self.screws.copy(), self.home, self.anchors.copy()
         offsets, T_base = self.offsets, self.T_frame_base
@@ -228,7 +228,7 @@ class ScrewParameters:
         )
 
     def since_nominal(self) -> FloatArray:
-        """How far the arm has come from the one on paper, in the units of the parameters.
+        """How far the arm has come from the one on paper, (p,), in the units of the parameters.
 
         To first order the sum of all steps; an axis that was moved along itself, which changes nothing, has not moved.
         """

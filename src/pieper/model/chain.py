@@ -43,7 +43,8 @@ def _frozen(
     if array.shape == (0,) and empty is not None:
         array = empty
     if array.dtype.kind not in "fiu":
-        raise ArrayError(f"{name} must be real numbers of shape {wanted}, got dtype {array.dtype}")
+        got = type(value).__name__ if array.dtype == object and array.shape == () else f"dtype {array.dtype}"
+        raise ArrayError(f"{name} must be real numbers of shape {wanted}, got {got}")
     if array.ndim != len(shape) or any(size not in (-1, got) for size, got in zip(shape, array.shape, strict=True)):
         raise ArrayError(f"{name} must have shape {wanted}, got {array.shape}")
     array = np.array(array, dtype=np.float64)
@@ -221,7 +222,15 @@ class Chain:
             raise unknown_name("joint", name, self.joint_names, f"chain {self.name!r}") from None
 
     def frame(self, which: str | int) -> Frame:
-        """A frame by link name, or by joint count: 0 is the base, i the link that the first i axes move."""
+        """A frame by link name, or by joint count: 0 is the base, i the link that the first i axes move.
+
+        Raises
+        ------
+        UnknownNameError
+            No frame of that name; the message lists those there are.
+        ArrayError
+            A number of joints that the chain does not have.
+        """
         if isinstance(which, str):
             for frame in self.frames:
                 if frame.name == which:
@@ -239,14 +248,14 @@ class Chain:
         return values
 
     def with_tool(self, T_tip_tool: ArrayLike, *, name: str = "tool") -> Chain:
-        """A chain whose tip is the tool frame, ``home @ T_tip_tool``."""
+        """A chain whose tip is the tool frame, ``home @ T_tip_tool``; (4, 4) [m, -]."""
         T = _frozen_pose(T_tip_tool, "T_tip_tool")
         home = self.home @ T
         name = free_name(name, [f.name for f in self.frames])
         return replace(self, home=home, tip=name, frames=(*self.frames, Frame(name, len(self.screws), home)))
 
     def with_base(self, T_world_base: ArrayLike, *, name: str = "world") -> Chain:
-        """The same arm described from another base frame, ``T_world_base @ home``."""
+        """The same arm described from another base frame, ``T_world_base @ home``; (4, 4) [m, -]."""
         T = _frozen_pose(T_world_base, "T_world_base")
         R, p = T[:3, :3], T[:3, 3]
         w = self.screws[:, 3:] @ R.T
@@ -259,6 +268,13 @@ class Chain:
         """A smaller arm with the named joints held at the given values [rad or m].
 
         The screws that follow a locked axis move with it (Modern Robotics, eq. 3.102, adjoint of its exponential).
+
+        Raises
+        ------
+        UnknownNameError
+            No joint of that name; the message lists those there are.
+        ArrayError
+            A value that is not finite.
         """
         from pieper.spatial.twist import adjoint, exp
 

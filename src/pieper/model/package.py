@@ -38,6 +38,11 @@ def find_package(
     beside : path, optional
         A file, usually the description; its parent folders and their neighbours are searched.
 
+    Returns
+    -------
+    str or None
+        The folder.
+
     Examples
     --------
     >>> find_package("no_such_package_anywhere") is None
@@ -68,6 +73,11 @@ def resolve(
         As written in the description.
     packages, beside
         As for `find_package`.
+
+    Returns
+    -------
+    str or None
+        The file.
     """
     if "\0" in uri or len(uri) > 4096:
         return None

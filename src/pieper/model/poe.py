@@ -103,6 +103,11 @@ def swap_order(screws: ArrayLike) -> FloatArray:
     -------
     (..., 6) array
 
+    Raises
+    ------
+    ArrayError
+        The last axis is not of length 6.
+
     Examples
     --------
     >>> swap_order([0.0, 0.0, 1.0, 0.0, -0.5, 0.0]).tolist()

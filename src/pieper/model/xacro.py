@@ -62,6 +62,11 @@ def from_xacro(
     what, args, packages, timeout, memory
         As for `expand`.
 
+    Returns
+    -------
+    Description
+        With links, joints, limits and meshes.
+
     Raises
     ------
     MissingExtraError

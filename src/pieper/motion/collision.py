@@ -588,6 +588,11 @@ class CollisionModel:
         q : (..., n) array_like
             Joint values [rad or m]. Limits are not looked at.
 
+        Returns
+        -------
+        bool or (...) array of bool
+            True where nothing touches, nor comes nearer than the margin.
+
         Raises
         ------
         ArrayError

@@ -92,6 +92,11 @@ class EdgeCheck:
             Joint values [rad or m].
         stop : callable, optional
             Asked between batches; when it says True the edge counts as blocked.
+
+        Returns
+        -------
+        EdgeResult
+            Whether it is free, and where not.
         """
         q0, dq = np.asarray(start, dtype=np.float64), np.asarray(goal, dtype=np.float64) - np.asarray(start)
         moved = self.model.approach(dq)  # (columns,) [m] along the whole edge
@@ -132,7 +137,7 @@ class EdgeCheck:
         return np.asarray(self.model.is_free(states).all(axis=0))
 
     def free(self, start: FloatArray, goal: FloatArray) -> bool:
-        """Whether one edge is free."""
+        """Whether one edge, between joint values (n,) [rad or m], is free."""
         return self.check(start, goal).free
 
     def path_is_free(self, q: FloatArray) -> bool:

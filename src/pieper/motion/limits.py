@@ -78,6 +78,11 @@ class JointLimits:
         max_jerk : float or (n,) array, optional
             [rad/s^3 or m/s^3]; when not given, what reaches the acceleration limit in 0.1 s.
 
+        Returns
+        -------
+        JointLimits
+            A limit for each joint, finite and above 0.
+
         Raises
         ------
         ArrayError
@@ -196,6 +201,11 @@ class JointLimits:
         ----------
         trajectory : Trajectory
             Its columns in the order of the joints of the chain.
+
+        Returns
+        -------
+        bool
+            True is certain; False is not.
         """
         if len(trajectory.t) == 1:
             return bool(((trajectory.q >= self.chain.limits[:, 0]) & (trajectory.q <= self.chain.limits[:, 1])).all())

@@ -81,7 +81,7 @@ class CartesianPath:
 
     @property
     def corners(self) -> FloatArray:
-        """Lengths inside the path at which direction or curvature jump [m]: a move with bounded jerk comes to rest there."""
+        """Lengths inside the path at which direction or curvature jump, (k,) [m]: a move with bounded jerk comes to rest there."""
         bounds, found = self.bounds, []
         for k in range(1, len(self.pieces)):
             ends = zip(_SMOOTH, slope_at_end(self.pieces[k - 1]), slope_at_start(self.pieces[k]), strict=True)
@@ -193,6 +193,11 @@ def line(T_start: ArrayLike, T_goal: ArrayLike, *, radius: float = METRES_PER_RA
     radius : float
         What a radian counts in the length [m/rad].
 
+    Returns
+    -------
+    CartesianPath
+        Poses by length along the path [m].
+
     Raises
     ------
     ArrayError
@@ -226,10 +231,17 @@ def arc_through(
     radius : float
         What a radian counts in the length [m/rad]. Not that of the circle.
 
+    Returns
+    -------
+    CartesianPath
+        Poses by length along the path [m].
+
     Raises
     ------
     MotionError
         Three points on a line or two that are the same, which are on no circle; orientations half a turn apart.
+    ArrayError
+        No poses or no point, or a radius that is not above 0.
 
     Examples
     --------
@@ -288,6 +300,18 @@ def arc_about(
     radius : float
         What a radian counts in the length [m/rad].
 
+    Returns
+    -------
+    CartesianPath
+        Poses by length along the path [m].
+
+    Raises
+    ------
+    ArrayError
+        No pose, a centre or an axis of another shape, an axis of length 0, an angle or a radius that is none.
+    UnknownNameError
+        Another orientation than these two.
+
     Examples
     --------
     >>> circle = arc_about(np.eye(4), [0.0, 0.5, 0.0], [0, 0, 1], 2 * np.pi, orientation="fixed")
@@ -325,10 +349,17 @@ def spline(Ts_base_tcp: ArrayLike, *, radius: float = METRES_PER_RADIAN) -> Cart
     radius : float
         What a radian counts in the length [m/rad].
 
+    Returns
+    -------
+    CartesianPath
+        Poses by length along the path [m].
+
     Raises
     ------
     MotionError
         A pose that is the one before it again, or orientations half a turn apart; the message tells which.
+    ArrayError
+        No poses, fewer than two, or a radius that is not above 0.
 
     References
     ----------
@@ -380,6 +411,11 @@ def join(paths: Sequence[CartesianPath], *, blend: float = 0.0) -> CartesianPath
         Each begins at the pose where the one before it ends, to 1e-9 m and rad. One of no length is left out.
     blend : float
         Length that a rounding takes of each side [m]; 0 keeps corners, at which a move comes to rest.
+
+    Returns
+    -------
+    CartesianPath
+        Poses by length along the path [m].
 
     Raises
     ------

@@ -67,7 +67,7 @@ _SINGULAR = (
 
 
 def jump_bound(distance: ArrayLike) -> FloatArray:
-    """How far a joint may move between poses that are `distance` [m] of path length apart [rad or m].
+    """How far a joint may move between poses that are `distance` (...) [m] of path length apart: (...) [rad or m].
 
     >>> jump_bound([0.0, 0.008, 1.0])
     array([0.1, 0.2, 0.5])

@@ -134,6 +134,11 @@ class Plan:
         tcp : TcpLimits, optional
             Of the tip.
 
+        Returns
+        -------
+        Trajectory
+            Timed; ``trajectory.at(t)`` is where the arm is then.
+
         Raises
         ------
         MissingExtraError

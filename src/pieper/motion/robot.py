@@ -47,7 +47,7 @@ class Robot(Protocol):
         ...
 
     def command(self, q: ArrayLike | Mapping[str, float]) -> None:
-        """Move to joint values [rad or m], from now on."""
+        """Move to joint values (n,) [rad or m], from now on; a mapping names joints, and the others stay."""
         ...
 
     def stop(self) -> None:
@@ -59,7 +59,7 @@ class Simulator(Robot, Protocol):
     """A robot whose time the caller moves on, with the other ways to send it somewhere."""
 
     def command_velocity(self, dq: ArrayLike | Mapping[str, float]) -> None:
-        """Move with joint velocities [rad/s or m/s], from now on."""
+        """Move with joint velocities (n,) [rad/s or m/s], from now on; a mapping names joints, and the others rest."""
         ...
 
     def follow(self, trajectory: Trajectory) -> None:

@@ -403,7 +403,24 @@ def _sizes(
 def sizes_at(
     limits: JointLimits, tcp: TcpLimits, q: FloatArray, d1: FloatArray, d2: FloatArray, d3: FloatArray
 ) -> tuple[list[FloatArray], FloatArray]:
-    """Sizes (r, k) of three derivatives of joints and, where it has limits, tip, at joint values (k, n); and their limits (3, r)."""
+    """Sizes (r, k) of three derivatives of joints and, where it has limits, tip, at joint values (k, n); and their limits (3, r).
+
+    Parameters
+    ----------
+    limits : JointLimits
+    tcp : TcpLimits
+    q : (k, n) array
+        Joint values [rad or m].
+    d1, d2, d3 : (k, n) arrays
+        Their derivatives by the parameter of the path.
+
+    Returns
+    -------
+    list of three (r, k) arrays
+        Sizes.
+    (3, r) array
+        Limits of velocity, acceleration and jerk.
+    """
     sizes = [np.abs(d).T for d in (d1, d2, d3)]
     most = np.stack([limits.velocity, limits.acceleration, limits.jerk])
     if tcp.say_something:
@@ -494,7 +511,23 @@ def bounds(
     jerk: FloatArray,
     share: tuple[float, float, float],
 ) -> Bounds:
-    """Bounds of path speed, acceleration and jerk at which every limit holds for derivatives up to these sizes."""
+    """Bounds of path speed, acceleration and jerk at which every limit holds for derivatives up to these sizes.
+
+    Parameters
+    ----------
+    length : float
+        Of the window, in the parameter of the path.
+    first, second, third : (r,) arrays
+        Largest sizes of the three derivatives of joints and tip by that parameter.
+    velocity, acceleration, jerk : (r,) arrays
+        Their limits, each by one more second.
+    share : (float, float, float)
+        Of the limits, from 0 to 1: of the acceleration for the curve of the path, of the jerk for that, of the jerk for gaining speed in it.
+
+    Returns
+    -------
+    Bounds
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         v = float(min(
             np.nanmin(velocity / first),
@@ -565,7 +598,13 @@ def duration(windows: list[Bounds]) -> float:
 
 
 def profile(windows: list[Bounds]) -> _Profile:
-    """The quickest motion through the windows from rest to rest, without acceleration between them."""
+    """The quickest motion through the windows from rest to rest, without acceleration between them.
+
+    Raises
+    ------
+    MotionError
+        It would take an absurdly long time.
+    """
     speeds = _speeds(windows)
     ruckig = _ruckig()
     rows: list[tuple[float, float, float, float]] = [(0.0, 0.0, 0.0, 0.0)]
@@ -600,7 +639,22 @@ def profile(windows: list[Bounds]) -> _Profile:
 
 
 def along(spline: Any, knots: FloatArray, profile: _Profile, limits: JointLimits) -> Trajectory:
-    """The motion along the path: a point wherever the polynomial of time changes, so that little is left to interpolation."""
+    """The motion along the path: a point wherever the polynomial of time changes, so that little is left to interpolation.
+
+    Parameters
+    ----------
+    spline : callable
+        The path by its parameter, with derivatives.
+    knots : (k,) array
+        Parameters at which its polynomials change.
+    profile
+        The parameter by time, from `profile`.
+    limits : JointLimits
+
+    Returns
+    -------
+    Trajectory
+    """
     t, x, v, a = profile
     spans = np.diff(t)
     j = np.diff(a) / spans
@@ -662,6 +716,21 @@ def held(trajectory: Trajectory, limits: JointLimits, tcp: TcpLimits | None) -> 
 
     Where points are near each other in time, rounding of their joint values shows in the jerk, and is another one for each duration: then
     a little more is left to it every time, until all limits hold.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    limits : JointLimits
+    tcp : TcpLimits, optional
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    MotionError
+        No duration was found with which every limit holds; the message tells by how much one is exceeded.
     """
     for trial in range(_TRIALS):
         factor = usage(trajectory, limits, tcp).stretch

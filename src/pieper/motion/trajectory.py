@@ -194,7 +194,7 @@ class Trajectory:
         Returns
         -------
         (m - 1, n, d + 1 - derivative) array
-            At least one coefficient.
+            Of polynomials of degree d; at least one coefficient.
         """
         c = self._coefficients
         for _ in range(derivative):
@@ -303,6 +303,11 @@ class Trajectory:
         ----------
         joint_names : sequence of n str
             The joints of the arm. A trajectory without names is taken to be in this order already.
+
+        Returns
+        -------
+        Trajectory
+            Its ``joint_names`` are those asked for.
 
         Raises
         ------

@@ -93,7 +93,7 @@ class Item:
 
     @property
     def pose(self) -> FloatArray:
-        """`T`, which is never None once the item is made."""
+        """`T`, (4, 4), which is never None once the item is made."""
         assert self.T is not None
         return self.T
 
@@ -194,6 +194,11 @@ def read_world(path: str | Path) -> World:
     path : str or Path
         Mesh files are looked for beside it.
 
+    Returns
+    -------
+    World
+        The things that stand around, in the frame of the base.
+
     Raises
     ------
     OSError
@@ -273,7 +278,7 @@ def _read_pose(section: Section) -> FloatArray:
 
 def write_world(path: str | Path, world: World) -> None:
     """Write a world that `read_world` reads; names of mesh files stay as they are."""
-    write_yaml(path, {"obstacles": [_as_fields(item) for item in world]})
+    write_yaml(path, {"obstacles": [_as_fields(item) for item in world]}, extra="plan")
 
 
 def _as_fields(item: Item) -> dict[str, Any]:

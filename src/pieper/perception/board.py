@@ -251,6 +251,11 @@ class Board:
         Returns
         -------
         (height, width) uint8 array
+
+        Raises
+        ------
+        VisionError
+            The dots per inch are not from 20 to 2400, or make too large a picture.
         """
         if not 20 <= dpi <= 2400:
             raise VisionError(f"dots per inch must be 20 to 2400, got {dpi}")
@@ -271,7 +276,13 @@ class Board:
         return page
 
     def save_drawing(self, path: Path, dpi: int = 300) -> None:
-        """Write `draw` as a PNG file that carries its scale, whole or not at all."""
+        """Write `draw` as a PNG file that carries its scale, whole or not at all.
+
+        Raises
+        ------
+        VisionError
+            As from `draw`.
+        """
         done, raw = opencv("drawing a board").imencode(".png", self.draw(dpi))
         if not done:
             raise VisionError(f"{path}: the picture could not be encoded")

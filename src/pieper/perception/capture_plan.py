@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, get_args
 import numpy as np
 
 from pieper.errors import VisionError, unknown_name
-from pieper.perception.hand_eye import CameraOn, _pose_slopes
+from pieper.perception.hand_eye import CameraOn
+from pieper.perception.hand_eye_refinement import pose_slopes
 from pieper.spatial import pose, rotation
 
 if TYPE_CHECKING:
@@ -111,6 +112,11 @@ def plan_captures(
     seed : int
         Of the candidates.
 
+    Returns
+    -------
+    CapturePlan
+        Joint values and poses, in an order in which the arm moves little.
+
     Raises
     ------
     VisionError
@@ -196,7 +202,7 @@ def _reached(
 
 def _information(X: FloatArray, Y: FloatArray, A: FloatArray) -> FloatArray:
     """Of each pose about the twelve numbers of camera and board, (k, 12, 12)."""
-    J = _pose_slopes(X, Y, A, pose.inverse(A @ X) @ Y) / np.repeat([POSITION_NOISE, ROTATION_NOISE], 3)[:, None]
+    J = pose_slopes(X, Y, A, pose.inverse(A @ X) @ Y) / np.repeat([POSITION_NOISE, ROTATION_NOISE], 3)[:, None]
     return np.asarray(np.swapaxes(J, 1, 2) @ J)
 
 

@@ -20,36 +20,47 @@ from scipy.stats import chi2
 from pieper.errors import ArrayError, VisionError, unknown_name
 from pieper.perception.color_space import OFFSET, LogChroma, Space, space_named
 from pieper.perception.color_table import BITS, ColorTable
+from pieper.perception.drawn_color import DRAWN, Bgr, as_hex, draw_color, from_hsv
 from pieper.spatial._checks import stack
 from pieper.yaml_file import Section, read_yaml, write_yaml
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
     from pathlib import Path
 
     from numpy.typing import ArrayLike, NDArray
 
     from pieper.spatial._checks import FloatArray
 
+__all__ = [
+    "BRIGHTER",
+    "CAST",
+    "DARKEST",
+    "DIMMER",
+    "DRAWN",
+    "FORMAT",
+    "LIGHT",
+    "ODDS",
+    "THRESHOLD",
+    "Background",
+    "Bgr",
+    "ColorModel",
+    "Look",
+    "draw_color",
+]
+
 FORMAT = "pieper colors 1"
 THRESHOLD = 4.0
 """Mahalanobis distance: 99.9 % of the pixels of a Gaussian colour lie within it."""
-
 ODDS = 10.0
 """How much likelier a pixel is of the background than of a colour, before it is looked at; markers are far fewer pixels than that."""
-
 LIGHT, CAST = 0.35, 0.06
 """Standard deviations of the light and of its colour, as logarithms: the light may halve at two of them, a channel change by a ninth."""
-
 DARKEST = 24
 """The brightest channel of a pixel that can have a colour [grey levels]."""
-
 DIMMER, BRIGHTER = 6.0, 3.0
 """How much the brightest channel of a pixel may be below and above that of its colour, whatever the distance."""
-
 _FEWEST_EIGENVALUE = 1e-12
-
-Bgr = tuple[int, int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,6 +273,10 @@ class ColorModel:
         shifts : (k, 3) array, optional
             Added to the mean of each colour after that.
 
+        Returns
+        -------
+        ColorModel
+
         Raises
         ------
         VisionError
@@ -302,7 +317,7 @@ class ColorModel:
             "cast": self.cast,
             "odds": self.odds,
             "colors": {
-                name: {"draw": _hex(draw), "mean": _short(mean), "covariance": _short(covariance)}
+                name: {"draw": as_hex(draw), "mean": _short(mean), "covariance": _short(covariance)}
                 for name, draw, mean, covariance in zip(self.names, self.draw, self._now, self.covariances, strict=True)
             },
             "background": {
@@ -337,7 +352,7 @@ class ColorModel:
         from pieper.perception.color_space import Hsv
 
         if self.space == Hsv.name:
-            return _from_hsv(self.means[k])
+            return from_hsv(self.means[k])
         b, g, r = np.clip(np.exp(np.minimum(self.means[k], 9.0)) - OFFSET, 0, 255).round().astype(int).tolist()
         return b, g, r
 
@@ -506,64 +521,9 @@ def _draw(section: Section) -> Bgr | None:
         raise section.error("draw", str(error)) from None
 
 
-DRAWN: dict[str, Bgr] = {
-    "red": (0, 0, 255),
-    "green": (0, 200, 0),
-    "blue": (255, 64, 0),
-    "yellow": (0, 230, 255),
-    "orange": (0, 140, 255),
-    "pink": (180, 105, 255),
-    "cyan": (255, 220, 0),
-    "lime": (0, 255, 160),
-    "purple": (200, 0, 140),
-    "magenta": (255, 0, 255),
-    "white": (255, 255, 255),
-    "rojo": (0, 0, 255),
-    "verde": (0, 200, 0),
-    "azul": (255, 64, 0),
-    "amarillo": (0, 230, 255),
-    "naranja": (0, 140, 255),
-    "rosa": (180, 105, 255),
-}
-"""Blue, green and red in which colours of these names are drawn."""
-
-
-def draw_color(text: str) -> Bgr:
-    """Return the blue, green and red of ``#rrggbb`` or of a word.
-
-    >>> draw_color("#ff8000")
-    (0, 128, 255)
-    """
-    word = text.strip().lower()
-    if word in DRAWN:
-        return DRAWN[word]
-    if len(word) == 7 and word[0] == "#" and all(c in "0123456789abcdef" for c in word[1:]):
-        r, g, b = (int(word[i : i + 2], 16) for i in (1, 3, 5))
-        return b, g, r
-    raise VisionError(f"a draw colour must be #rrggbb or one of {', '.join(DRAWN)}, got {text!r}")
-
-
-def default_draw(name: str) -> Bgr | None:
-    """Return the colour of a name that is one, as in ``"Red"`` or ``"red 2"``; None if it is not."""
-    first = name.strip().lower().replace("_", " ").replace("-", " ").split(" ")[0]
-    return DRAWN.get(first)
-
-
 def _short(array: FloatArray) -> list[Any]:
     """Numbers with as many digits as they are known to, so that people can read them."""
     return [_short(row) if row.ndim else float(f"{row:.7g}") for row in np.asarray(array)]
-
-
-def _hex(bgr: Sequence[int]) -> str:
-    b, g, r = bgr
-    return f"#{r:02x}{g:02x}{b:02x}"
-
-
-def _from_hsv(hsv: FloatArray) -> Bgr:
-    import colorsys
-
-    r, g, b = colorsys.hsv_to_rgb(hsv[0] % 180.0 / 180.0, *(np.clip(hsv[1:], 0, 255) / 255.0))
-    return round(255 * b), round(255 * g), round(255 * r)
 
 
 def _pixels(image: NDArray[Any]) -> NDArray[Any]:

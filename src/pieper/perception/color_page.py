@@ -22,8 +22,9 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
 
 from pieper.errors import PieperError, VisionError
-from pieper.perception.color import DRAWN, Bgr
-from pieper.perception.color_learning import Region, classified, learn
+from pieper.perception.color_learning import classified, learn
+from pieper.perception.color_regions import Region
+from pieper.perception.drawn_color import DRAWN, Bgr
 from pieper.perception.opencv import opencv
 from pieper.perception.source import probe, read_frame
 

@@ -121,7 +121,21 @@ class _Thing:
 
 
 def tracked(steps: Iterable[tuple[int, float, Sequence[Estimate]]], *, unit: str = "m", source: str = "") -> TrackFile:
-    """Return estimates as a table: of each frame its number, its time and what was believed."""
+    """Return estimates as a table: of each frame its number, its time and what was believed.
+
+    Parameters
+    ----------
+    steps : iterable of (int, float, sequence of Estimate)
+        Of each frame its number, its time [s] and what was believed.
+    unit : str
+        Of places: ``"m"`` or ``"px"``.
+    source : str
+        What was tracked.
+
+    Returns
+    -------
+    TrackFile
+    """
     frames = (
         TrackedFrame(index, time, tuple(TrackRow.of(index, e) for e in estimates)) for index, time, estimates in steps
     )
@@ -147,6 +161,11 @@ def evaluate(
         Distance within which an estimate may stand for a thing; 50 mm or 15 px by default.
     milliseconds : mapping of str to float, optional
         Mean time of each stage, to be told along.
+
+    Returns
+    -------
+    Evaluation
+        Errors in metres or pixels, and what was missed, swapped or made up.
 
     Raises
     ------

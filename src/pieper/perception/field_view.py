@@ -45,15 +45,15 @@ class PixelView:
     unit: ClassVar[str] = "px"
 
     def to_field(self, uv: ArrayLike, *, height: ArrayLike = 0.0) -> FloatArray:
-        """Return the pixels themselves."""
+        """Return the pixels themselves: (..., 2) -> (..., 2) [px]."""
         return stack(uv, (2,), "uv")
 
     def to_image(self, p_field: ArrayLike, *, height: ArrayLike = 0.0) -> FloatArray:
-        """Return the places themselves."""
+        """Return the places themselves: (..., 2) -> (..., 2) [px]."""
         return stack(p_field, (2,), "p_field")
 
     def jacobian(self, uv: ArrayLike, *, height: ArrayLike = 0.0) -> FloatArray:
-        """Return identities."""
+        """Return identities: (..., 2) -> (..., 2, 2)."""
         return np.broadcast_to(np.eye(2), (*stack(uv, (2,), "uv").shape, 2)).copy()
 
 

@@ -22,11 +22,12 @@ if TYPE_CHECKING:
     from pieper.perception.blobs import Blobs
     from pieper.perception.estimate import Estimate
     from pieper.perception.frame import Frame
-    from pieper.perception.output import TrackFile, TrackRow, TrackWriter, VideoFile
+    from pieper.perception.output import TrackFile, TrackRow, TrackWriter
     from pieper.perception.overlay import Overlay
     from pieper.perception.sighting import Sighting
     from pieper.perception.source import Source
     from pieper.perception.stream import Stream
+    from pieper.perception.video_file import VideoFile
 
 _SAME = 13.8  # squared Mahalanobis distance; 99.9 % of chi-square with two degrees of freedom
 _NEVER = 1e9

@@ -31,7 +31,7 @@ import numpy as np
 from pieper._version import __version__
 from pieper.atomic_file import write_text
 from pieper.errors import VisionError
-from pieper.perception.calibration import PICTURES
+from pieper.perception.image_file import PICTURES
 from pieper.spatial import pose, rotation
 from pieper.yaml_file import LARGEST, Section, read_yaml, write_yaml
 

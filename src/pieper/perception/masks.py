@@ -122,6 +122,10 @@ def masked_frame(image: Image, mask: Mask) -> Image:
     mask : (height, width) uint8 array
         Not 0 where the frame is to be seen.
 
+    Returns
+    -------
+    (height, width, 3) uint8 array
+
     Raises
     ------
     ArrayError

@@ -134,7 +134,7 @@ class Hota:
 def pairs(
     moments: Sequence[Moment], *, reach: float = REACH
 ) -> Iterator[tuple[Moment, NDArray[np.int64], NDArray[np.int64]]]:
-    """Yield for each frame which things and which estimates belong together, as rows and columns of its distances.
+    """Yield for each frame which things and which estimates belong together, as rows (k,) and columns (k,) of its distances.
 
     Pairs of the frame before are kept while they are within reach; of the others, as many as can be, and the nearest.
     """
@@ -273,8 +273,15 @@ class Consistency:
 
 
 def nees(errors: ArrayLike, covariances: ArrayLike) -> FloatArray:
-    """Return ``e' P^-1 e`` of each error.
+    """Return ``e' P^-1 e`` (...) of each error e (..., d) with its covariance P (..., d, d).
 
+    Raises
+    ------
+    ArrayError
+        Shapes that do not go together.
+
+    Examples
+    --------
     >>> nees([[0.1, 0.0]], [[[0.01, 0.0], [0.0, 0.01]]])
     array([1.])
     """

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
-from pieper.errors import MissingExtraError
+from pieper.errors import MissingExtraError, MissingLibraryError
 
 
 def opencv(purpose: str) -> Any:
@@ -21,11 +22,24 @@ def opencv(purpose: str) -> Any:
     ------
     MissingExtraError
         OpenCV is not installed.
+    MissingLibraryError
+        It is installed and does not load; the message says why.
     """
     try:
         return import_module("cv2")
-    except ImportError as cause:
+    except ModuleNotFoundError as cause:
+        if cause.name != "cv2":
+            raise _broken(cause, purpose) from cause
         raise MissingExtraError("OpenCV", "perception", purpose) from cause
+    except (ImportError, OSError) as cause:  # a library that it needs, or one made for another NumPy
+        raise _broken(cause, purpose) from cause
+
+
+def _broken(cause: Exception, purpose: str) -> MissingLibraryError:
+    return MissingLibraryError(
+        f"OpenCV is installed but does not load, and {purpose} needs it: {' '.join(str(cause).split())}; install it anew: "
+        "pip install --force-reinstall opencv-python-headless"
+    )
 
 
 def read_image_file(path: str) -> Any:
@@ -38,6 +52,13 @@ def read_image_file(path: str) -> Any:
         return cv2.imread(path, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
     except (cv2.error, MemoryError):
         return None
+
+
+def has_transparency(path: str) -> bool:
+    """Whether the head of a PNG says that its pixels have a fourth channel; OpenCV leaves it out without a word."""
+    with Path(path).open("rb") as file:
+        head = file.read(26)
+    return head.startswith(b"\x89PNG") and len(head) == 26 and head[25] in (4, 6)
 
 
 def decode_image(raw: Any) -> Any:

@@ -25,27 +25,44 @@ import csv
 import io
 import json
 import math
-import secrets
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from itertools import groupby, pairwise
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 
+from pieper.atomic_file import replacing
 from pieper.errors import MissingExtraError, VisionError
-from pieper.perception.opencv import opencv
+from pieper.perception.video_file import VideoFile, naming, video_path, with_suffix
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Sequence
+    from pathlib import Path
 
     from pieper.perception.estimate import Estimate
-    from pieper.perception.frame import Image
+
+__all__ = [
+    "COLUMNS",
+    "FORMAT",
+    "KINDS",
+    "STATES",
+    "TABLES",
+    "TrackFile",
+    "TrackRow",
+    "TrackWriter",
+    "TrackedFrame",
+    "VideoFile",
+    "continue_tracks",
+    "create_tracks",
+    "read_tracks",
+    "table_path",
+    "track_rows",
+    "video_path",
+]
 
 FORMAT = "pieper tracks 1"
 TABLES = (".csv", ".jsonl", ".parquet")
-VIDEOS = (".mp4", ".avi")
 COLUMNS = (
     "frame",
     "time",
@@ -155,7 +172,21 @@ class TrackWriter(Protocol):
 
 
 def track_rows(index: int, time: float, estimates: Iterable[Estimate]) -> list[TrackRow]:
-    """Return the rows of a frame; one without a track where there are no estimates."""
+    """Return the rows of a frame; one without a track where there are no estimates.
+
+    Parameters
+    ----------
+    index : int
+        Number of the frame.
+    time : float
+        [s]
+    estimates : iterable of Estimate
+        What is believed at that time.
+
+    Returns
+    -------
+    list of TrackRow
+    """
     return [TrackRow.of(index, e) for e in estimates] or [TrackRow(index, float(time), None)]
 
 
@@ -170,6 +201,11 @@ def create_tracks(path: str | os.PathLike[str], *, unit: str, source: str = "") 
         Of places: ``"m"`` or ``"px"``.
     source : str
         What is tracked.
+
+    Returns
+    -------
+    TrackWriter
+        Takes estimates frame by frame; close it, or use it in a ``with`` statement.
 
     Raises
     ------
@@ -191,6 +227,13 @@ def continue_tracks(path: str | os.PathLike[str], *, unit: str, source: str = ""
     """Go on with a table that was left unfinished.
 
     A half-written last line is dropped. Of CSV the last frame goes too, since nothing tells whether all its rows are there.
+
+    Parameters
+    ----------
+    path : path
+        The table.
+    unit, source
+        As for `create_tracks`; the same as when it was begun.
 
     Returns
     -------
@@ -232,23 +275,7 @@ def read_tracks(path: str | os.PathLike[str]) -> TrackFile:
 
 def table_path(path: str | os.PathLike[str]) -> Path:
     """Return the path, if a table can have that name."""
-    return _with_suffix(path, TABLES, "a table of tracks")
-
-
-def video_path(path: str | os.PathLike[str]) -> Path:
-    """Return the path, if a video can have that name."""
-    return _with_suffix(path, VIDEOS, "an annotated video")
-
-
-def _with_suffix(path: str | os.PathLike[str], suffixes: Sequence[str], what: str) -> Path:
-    file = Path(path)
-    if file.suffix.lower() not in suffixes:
-        raise VisionError(f"{what} must end in {', '.join(suffixes)}, got {str(file)!r}")
-    if file.is_dir():
-        raise IsADirectoryError(21, "is a folder, not a file", str(file))
-    if not file.parent.is_dir():
-        raise FileNotFoundError(2, "no such folder", str(file.parent))
-    return file
+    return with_suffix(path, TABLES, "a table of tracks")
 
 
 class _Lines:
@@ -281,7 +308,7 @@ class _Lines:
         self._put(text.getvalue())
 
     def _put(self, text: str) -> None:
-        with _named(self._path):
+        with naming(self._path):
             self._file.write(text.encode())
             self._file.flush()
 
@@ -301,9 +328,10 @@ class _Parquet:
         }
         self._schema = arrow.schema([(c, kinds[c]) for c in COLUMNS], metadata={"pieper": json.dumps(head)})
         self._arrow, self._path, self._rows = arrow, path, list(kept)
-        self._unfinished = _beside(path)
-        with _named(path):
-            self._writer = parquet.ParquetWriter(str(self._unfinished), self._schema)
+        self._stack = ExitStack()
+        unfinished = self._stack.enter_context(replacing(path))
+        with naming(path):
+            self._writer: Any = parquet.ParquetWriter(str(unfinished), self._schema)
 
     def write(self, index: int, time: float, estimates: Iterable[Estimate]) -> None:
         self._rows += track_rows(index, time, estimates)
@@ -312,111 +340,17 @@ class _Parquet:
 
     def _flush(self) -> None:
         columns = {c: [getattr(row, c) for row in self._rows] for c in COLUMNS}
-        with _named(self._path):
+        with naming(self._path):
             self._writer.write_table(self._arrow.table(columns, schema=self._schema))
         self._rows.clear()
 
     def close(self) -> None:
-        if self._unfinished.exists():
-            try:
-                self._flush()
-                with _named(self._path):
-                    self._writer.close()
-                self._unfinished.replace(self._path)
-            finally:
-                self._unfinished.unlink(missing_ok=True)
-
-
-class VideoFile:
-    """An annotated video; MPEG-4 in ``.mp4``, Motion JPEG in ``.avi``. It becomes a file when it is closed.
-
-    Parameters
-    ----------
-    path : path
-        Ends in ``.mp4`` or ``.avi``.
-    fps : float
-        Frames per second; one rate for the whole video.
-
-    Attributes
-    ----------
-    path : Path
-    frames : int
-        Written so far.
-    """
-
-    def __init__(self, path: str | os.PathLike[str], *, fps: float) -> None:
-        opencv("writing a video")
-        self.path, self._fps = video_path(path), fps
-        self._unfinished = _beside(self.path)
-        self._writer: Any = None
-        self.frames = 0
-
-    def write(self, image: Image) -> None:
-        """Add a frame; the first one sets the size.
-
-        Raises
-        ------
-        VisionError
-            OpenCV cannot write such a video here.
-        """
-        cv2 = opencv("writing a video")
-        if self._writer is None:
-            with _named(self.path):
-                self._unfinished.touch()  # tells why, if it cannot
-            code = cv2.VideoWriter_fourcc(*("mp4v" if self.path.suffix.lower() == ".mp4" else "MJPG"))
-            size = (image.shape[1], image.shape[0])
-            self._writer = cv2.VideoWriter(str(self._unfinished), cv2.CAP_FFMPEG, code, self._fps, size)
-            if not self._writer.isOpened():
-                self._unfinished.unlink(missing_ok=True)
-                raise VisionError(f"{self.path}: a video of {size[0]} x {size[1]} at {self._fps:g}/s cannot be written")
-        self._writer.write(image)
-        self.frames += 1
-
-    def close(self) -> None:
-        """Finish the file; without frames there is none.
-
-        Raises
-        ------
-        VisionError
-            Frames are missing in it, most likely because the disk is full: OpenCV does not tell when it cannot write.
-        """
         if self._writer is None:
             return
-        try:
-            self._writer.release()
+        with self._stack, naming(self._path):
+            self._flush()
+            self._writer.close()
             self._writer = None
-            held = _frames_in(self._unfinished)
-            if held < self.frames:
-                raise VisionError(
-                    f"{self.path} cannot be written: {held} of {self.frames} frames are in the file; is the disk full?"
-                )
-            self._unfinished.replace(self.path)
-        finally:
-            self._unfinished.unlink(missing_ok=True)
-
-
-def _beside(path: Path) -> Path:
-    return path.with_name(f".{path.stem}.{secrets.token_hex(4)}.unfinished{path.suffix}")
-
-
-def _frames_in(video: Path) -> int:
-    """How many frames a video says that it holds; 0 if it cannot be read."""
-    cv2 = opencv("writing a video")
-    capture = cv2.VideoCapture(str(video), cv2.CAP_FFMPEG)
-    try:
-        return int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) if capture.isOpened() else 0
-    finally:
-        capture.release()
-
-
-@contextmanager
-def _named(path: Path) -> Iterator[None]:
-    """An error of the system names the file that is wanted, not one beside it, or none."""
-    try:
-        yield
-    except OSError as error:
-        error.filename = str(path)
-        raise
 
 
 def _short(value: Any) -> float | None:
@@ -431,10 +365,6 @@ def _pyarrow() -> tuple[Any, Any]:
         return import_module("pyarrow"), import_module("pyarrow.parquet")
     except ImportError as cause:
         raise MissingExtraError("PyArrow", "parquet", "a Parquet file") from cause
-
-
-# --------------------------------------------------------------------------------------------------------------------
-# reading
 
 
 def _read(file: Path, *, partial: bool) -> tuple[TrackFile, int]:

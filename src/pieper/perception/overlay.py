@@ -99,6 +99,11 @@ class Overlay:
         frame : Frame
         step : Step
             Its `blobs`, `sightings` and `estimates`.
+
+        Returns
+        -------
+        (height, width, 3) uint8 array
+            Blue, green, red.
         """
         image = frame.image.copy()
         draw_blobs(image, step.blobs, sorted({row for s in step.sightings for row in s.blobs}), self._colors)
@@ -138,7 +143,18 @@ class Overlay:
 
 
 def draw_blobs(image: Image, blobs: Blobs, rows: Iterable[int], colors: Mapping[str, Bgr] = DRAW_COLORS) -> None:
-    """Draw a circle around each of some blobs, and the name of its colour, into an image."""
+    """Draw a circle around each of some blobs, and the name of its colour, into an image.
+
+    Parameters
+    ----------
+    image : (height, width, 3) uint8 array
+        Is drawn into.
+    blobs : Blobs
+    rows : iterable of int
+        Which of them.
+    colors : mapping of str to (int, int, int)
+        Blue, green and red by the name of a colour.
+    """
     cv2 = opencv("drawing over frames")
     for row in rows:
         name = blobs.names[int(blobs.color[row])]
@@ -149,7 +165,19 @@ def draw_blobs(image: Image, blobs: Blobs, rows: Iterable[int], colors: Mapping[
 
 
 def draw_seen(image: Image, at: FloatArray, name: str, color: Bgr = _WHITE) -> None:
-    """Draw a track that is seen: a green tilted cross of 15 px, and its name."""
+    """Draw a track that is seen: a green tilted cross of 15 px, and its name.
+
+    Parameters
+    ----------
+    image : (height, width, 3) uint8 array
+        Is drawn into.
+    at : (2,) array
+        u and v [px].
+    name : str
+        Of the track.
+    color : (int, int, int)
+        Of the name: blue, green, red.
+    """
     cv2 = opencv("drawing over frames")
     cv2.drawMarker(image, _whole(at), _GREEN, cv2.MARKER_TILTED_CROSS, _SEEN_CROSS, 1, cv2.LINE_AA)
     if name:
@@ -157,7 +185,19 @@ def draw_seen(image: Image, at: FloatArray, name: str, color: Bgr = _WHITE) -> N
 
 
 def draw_hidden(image: Image, at: FloatArray, name: str, color: Bgr = _RED) -> None:
-    """Draw a track that is hidden: a cross of 20 px where it should be, and in red that it is occluded."""
+    """Draw a track that is hidden: a cross of 20 px where it should be, and in red that it is occluded.
+
+    Parameters
+    ----------
+    image : (height, width, 3) uint8 array
+        Is drawn into.
+    at : (2,) array
+        u and v [px].
+    name : str
+        Of the track.
+    color : (int, int, int)
+        Of the name: blue, green, red.
+    """
     cv2 = opencv("drawing over frames")
     cv2.drawMarker(image, _whole(at), color, cv2.MARKER_CROSS, _HIDDEN_CROSS, 1)
     write(image, at, f"{name} P(Ocuido)", _RED)
@@ -176,7 +216,18 @@ def draw_ellipse(image: Image, at: FloatArray, covariance: FloatArray, color: Bg
 
 
 def write(image: Image, at: FloatArray, text: str, color: Bgr) -> None:
-    """Write a text 10 px to the right of a place, with a dark rim so that it is read on any ground."""
+    """Write a text 10 px to the right of a place, with a dark rim so that it is read on any ground.
+
+    Parameters
+    ----------
+    image : (height, width, 3) uint8 array
+        Is drawn into.
+    at : (2,) array
+        u and v [px].
+    text : str
+    color : (int, int, int)
+        Blue, green, red.
+    """
     cv2 = opencv("drawing over frames")
     plain = text.encode("ascii", "replace").decode()
     x, y = _whole(at)

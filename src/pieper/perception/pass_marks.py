@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pieper.perception.board import Board
-from pieper.perception.calibration import calibrate_camera, find_views
+from pieper.perception.board_views import find_views
+from pieper.perception.calibration import calibrate_camera
 from pieper.perception.color_learning import learn
 from pieper.perception.evaluate import VISIBLE, evaluate, tracked
 from pieper.perception.field import from_lines
@@ -25,11 +26,12 @@ from pieper.perception.field_lines import lines
 from pieper.perception.frame import Frame
 from pieper.perception.metrics import REACH, spread
 from pieper.perception.opencv import opencv
-from pieper.perception.pattern import PatternFinder, Patterns
+from pieper.perception.pattern import Patterns
+from pieper.perception.pattern_finder import PatternFinder
 from pieper.perception.pipeline import MarkerTracker
 from pieper.perception.report import ReportColor, ReportTracker
-from pieper.perception.scene import preset
 from pieper.perception.scene_folder import color_regions
+from pieper.perception.scene_presets import preset
 from pieper.perception.segment import segment
 from pieper.perception.sighting import Sighting
 from pieper.perception.synthetic import Renderer

@@ -15,7 +15,9 @@ import numpy as np
 from pieper.errors import PieperWarning, VisionError, unknown_name
 from pieper.perception.color_table import ColorTable
 from pieper.perception.field_view import PixelView
-from pieper.perception.pattern import PatternFinder, Patterns, load_patterns, lone_markers
+from pieper.perception.lone_marker import lone_markers
+from pieper.perception.pattern import Patterns, load_patterns
+from pieper.perception.pattern_finder import PatternFinder
 from pieper.perception.segment import segment
 from pieper.perception.track import Tracker, TrackerParameters
 
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
     from pieper.perception.estimate import Estimate
     from pieper.perception.field_view import View
     from pieper.perception.frame import Frame
-    from pieper.perception.pattern import Follow
+    from pieper.perception.lone_marker import Follow
     from pieper.perception.sighting import Sighting
 
 MOST_BLOBS = 500

@@ -7,36 +7,28 @@ Between frames it may say something, as a `Note`. It never seeks: to come to a f
 
 from __future__ import annotations
 
-import os
 import re
-import select
-import sys
-import time
 from collections.abc import Sized
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Protocol, cast
+from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 
 import numpy as np
 
 from pieper.errors import VisionError
 from pieper.perception.frame import Frame, Image
-from pieper.perception.opencv import decode_image, opencv, read_image_file
+from pieper.perception.opencv import has_transparency, opencv, read_image_file
 
 if TYPE_CHECKING:
+    import os
     from collections.abc import Callable, Iterable, Iterator
 
 Kind = Literal["video", "images", "camera", "stream", "pipe", "frames"]
-
 FPS = 30.0
 """Of images and pipes that bring no times of their own."""
-
 IMAGES = (".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp")
-_PATIENCE_MS = 5000  # for a stream to answer; also the longest that a stop waits for it
-_CHUNK = 1 << 16
-_LARGEST_JPEG = 1 << 26  # bytes, of a picture in a pipe
-_LARGEST = 1 << 15  # pixels along a side, of what a pipe may announce
+
+_NO_ALPHA = "transparency left out"
 
 
 class Note(str):
@@ -126,7 +118,7 @@ def as_image(picture: Any, name: str) -> tuple[Image, str]:
         done.append("grey, taken as three equal channels")
         raw = np.repeat(raw.reshape(*raw.shape[:2], 1), 3, axis=2)
     elif raw.shape[2] == 4:
-        done.append("transparency left out")
+        done.append(_NO_ALPHA)
         raw = raw[..., :3]
     if raw.dtype == np.uint16:
         done.append("16 bits, of which the upper 8 are kept")
@@ -249,246 +241,13 @@ class FolderReader:
         picture = read_image_file(str(path))
         if picture is None:
             raise VisionError(f"frame {index}, {path.name}, cannot be read as an image")
-        return as_image(picture, f"frame {index}, {path.name},")
+        image, note = as_image(picture, f"frame {index}, {path.name},")
+        if has_transparency(str(path)) and _NO_ALPHA not in note:
+            note = "; ".join(filter(None, (_NO_ALPHA, note)))
+        return image, note
 
     def close(self) -> None:
         """Nothing is open."""
-
-
-class Capture(Protocol):
-    """What a camera has to offer; OpenCV's ``VideoCapture`` does."""
-
-    def isOpened(self) -> bool:
-        """Whether it can be read."""
-        ...
-
-    def read(self) -> tuple[bool, Any]:
-        """Wait for an image; False when there is none."""
-        ...
-
-    def release(self) -> None:
-        """Let go of it."""
-        ...
-
-
-class LiveReader:
-    """A camera or a stream, opened again when it is unplugged.
-
-    Parameters
-    ----------
-    name : str
-        For messages.
-    connect : callable
-        Opens it, and gives a `Capture`.
-    kind : "camera" or "stream"
-    patience : float
-        Give up after so long without an image [s].
-    first_wait, longest_wait : float
-        Pause before the first attempt to open it again, doubled with each one up to the longest [s].
-    """
-
-    def __init__(
-        self,
-        name: str,
-        connect: Callable[[], Capture],
-        *,
-        kind: Kind = "camera",
-        fps: float | None = None,
-        patience: float = 60.0,
-        first_wait: float = 0.25,
-        longest_wait: float = 8.0,
-    ) -> None:
-        self._connect = connect
-        self._capture = connect()
-        if not self._capture.isOpened():
-            self._capture.release()
-            doubt = (
-                "does it answer, and is the address right?"
-                if kind == "stream"
-                else "is it plugged in, free, and readable by this user?"
-            )
-            raise VisionError(f"{name} cannot be opened; {doubt}")
-        self._patience, self._waits = patience, (first_wait, longest_wait)
-        self.info = SourceInfo(name=name, kind=kind, fps=fps, live=True)
-
-    def read(self, stopped: Callable[[], bool], start: int = 0) -> Iterator[Frame | Note]:
-        """Give images with the time at which each came, in seconds since the epoch, on a clock that never goes back."""
-        epoch = time.time() - time.monotonic()
-        index, last, wait, lost = 0, time.monotonic(), self._waits[0], False
-        said = ""
-        while not stopped():
-            good, picture = self._capture.read() if self._capture.isOpened() else (False, None)
-            now = time.monotonic()
-            if good:
-                if lost:
-                    yield Note(f"{self.info.name} is back after {now - last:.1f} s")
-                last, wait, lost = now, self._waits[0], False
-                image, note = as_image(picture, f"frame {index} of {self.info.name}")
-                if note != said:
-                    said = note
-                    yield Note(f"{self.info.name} is {note}" if note else f"{self.info.name} is in colour again")
-                if index >= start:
-                    yield Frame(image, index, epoch + now)
-                index += 1
-                continue
-            if not lost:
-                lost = True
-                yield Note(f"{self.info.name} gives no images; trying to open it again")
-            if now - last > self._patience:
-                raise VisionError(f"{self.info.name} gave no image for {now - last:.0f} s; given up")
-            self._capture.release()
-            _pause(wait, stopped)
-            wait = min(2 * wait, self._waits[1])
-            if not stopped():
-                self._capture = self._connect()
-
-    def close(self) -> None:
-        """Let go of the camera."""
-        self._capture.release()
-
-
-def camera_reader(which: int | str, *, fps: float | None = None, **options: Any) -> LiveReader:
-    """Open a camera of this computer, by its number or as ``/dev/video0``."""
-    cv2 = opencv("a camera")
-    number = which if isinstance(which, int) else int(which.removeprefix("/dev/video"))
-
-    def connect() -> Capture:
-        capture = cv2.VideoCapture(number)
-        with suppress(cv2.error):
-            capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-            if fps:
-                capture.set(cv2.CAP_PROP_FPS, fps)
-        return cast("Capture", capture)
-
-    return LiveReader(f"camera {number}", connect, kind="camera", fps=fps, **options)
-
-
-def stream_reader(url: str, **options: Any) -> LiveReader | VideoReader:
-    """Open an address, such as ``rtsp://...`` or ``http://...``; what has an end is a video. Passwords are kept out of messages."""
-    cv2 = opencv("a stream")
-    limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _PATIENCE_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, _PATIENCE_MS]
-    name = re.sub(r"//[^/@]*@", "//...@", url)
-    first = [cv2.VideoCapture(url, cv2.CAP_FFMPEG, limits)]
-    if first[0].isOpened() and first[0].get(cv2.CAP_PROP_FRAME_COUNT) > 0:
-        return VideoReader.of(first[0], name)
-
-    def connect() -> Capture:
-        return cast("Capture", first.pop() if first else cv2.VideoCapture(url, cv2.CAP_FFMPEG, limits))
-
-    return LiveReader(name, connect, kind="stream", **options)
-
-
-class PipeReader:
-    """Frames from a pipe: Y4M and MJPEG are recognised; anything else is raw blue, green, red of a given size.
-
-    A pipe waits, so nothing is dropped. Times are counted at the rate given, or at that of the Y4M header.
-    """
-
-    def __init__(
-        self,
-        stream: BinaryIO | None = None,
-        *,
-        size: tuple[int, int] | None = None,
-        fps: float | None = None,
-        name: str = "stdin",
-    ) -> None:
-        self._stream = sys.stdin.buffer if stream is None else stream
-        self._size, self._fps = size, fps
-        self.info = SourceInfo(name=name, kind="pipe", size=size, fps=fps)
-        if size is not None and not all(1 <= n <= _LARGEST for n in size):
-            raise VisionError(f"size must be a positive width and height, got {size[0]} x {size[1]}")
-
-    def read(self, stopped: Callable[[], bool], start: int = 0) -> Iterator[Frame | Note]:
-        """Give the frames of the pipe."""
-        pipe = _Pipe(self._stream, stopped)
-        fps = self._fps or FPS
-        if self._size is not None:
-            images = self._raw(pipe, self._size)
-        elif pipe.peek(9) == b"YUV4MPEG2":
-            images, rate = self._y4m(pipe)
-            fps = self._fps or rate or FPS
-        elif pipe.peek(2) == b"\xff\xd8":
-            images = self._mjpeg(pipe)
-        elif not pipe.peek(1):
-            images = iter(())
-        else:
-            raise VisionError(
-                f"{self.info.name} holds neither Y4M nor MJPEG; for raw BGR frames say --size WIDTHxHEIGHT"
-            )
-        index = 0
-        for image in images:
-            if isinstance(image, Note):
-                yield image
-                continue
-            if index >= start:
-                yield Frame(image, index, index / fps)
-            index += 1
-        if not stopped():
-            if index == 0:
-                raise VisionError(f"{self.info.name} holds no frames")
-            if start >= index:
-                raise invalid_number(start, self.info.name, index)
-
-    def _raw(self, pipe: _Pipe, size: tuple[int, int]) -> Iterator[Image | Note]:
-        width, height = size
-        while block := pipe.take(3 * width * height):
-            if len(block) < 3 * width * height:
-                if not pipe.stopped():
-                    yield Note(
-                        f"{self.info.name} ended within a frame; the {len(block)} bytes of it are left out "
-                        f"(is the size {width} x {height} right?)"
-                    )
-                return
-            yield np.frombuffer(block, np.uint8).reshape(height, width, 3)
-
-    def _y4m(self, pipe: _Pipe) -> tuple[Iterator[Image | Note], float | None]:
-        words = pipe.line().decode("ascii", "replace").split()[1:]
-        tags = {word[0]: word[1:] for word in words}
-        try:
-            width, height = int(tags["W"]), int(tags["H"])
-            above, below = (int(n) for n in tags.get("F", "0:1").split(":"))
-        except (KeyError, ValueError) as cause:
-            raise VisionError(f"{self.info.name}: the Y4M header is malformed: {' '.join(words)[:80]!r}") from cause
-        form = tags.get("C", "420jpeg")
-        planes = {"420": 0.25, "422": 0.5, "444": 1.0, "mono": 0.0}
-        kind = next((k for k in planes if form.startswith(k)), "")
-        deep = re.search(r"p1\d|1[0-6]$", form)
-        if not kind or deep or not (1 <= width <= _LARGEST and 1 <= height <= _LARGEST):
-            raise VisionError(
-                f"{self.info.name}: Y4M of {width} x {height}, {form}, is not supported; it must be 8 bits of 420, 422, 444 or mono"
-            )
-        return self._y4m_frames(pipe, width, height, kind), above / below if above > 0 and below > 0 else None
-
-    def _y4m_frames(self, pipe: _Pipe, width: int, height: int, kind: str) -> Iterator[Image | Note]:
-        cv2 = opencv("Y4M")
-        across = {"420": (width + 1) // 2, "422": (width + 1) // 2, "444": width, "mono": 0}[kind]
-        down = {"420": (height + 1) // 2, "422": height, "444": height, "mono": 0}[kind]
-        bright, tint = width * height, across * down
-        while header := pipe.line():
-            block = pipe.take(bright + 2 * tint)
-            if not header.startswith(b"FRAME") or len(block) < bright + 2 * tint:
-                if not pipe.stopped():
-                    yield Note(f"{self.info.name} ended within a frame, which is left out")
-                return
-            y = np.frombuffer(block, np.uint8, bright).reshape(height, width)
-            if not tint:
-                yield np.repeat(y[..., None], 3, axis=2)
-                continue
-            uv = np.frombuffer(block, np.uint8, 2 * tint, bright).reshape(2, down, across)
-            wide = [cv2.resize(plane, (width, height), interpolation=cv2.INTER_LINEAR) for plane in uv]
-            yield cast("Image", cv2.cvtColor(np.dstack([y, wide[1], wide[0]]), cv2.COLOR_YCrCb2BGR))
-
-    def _mjpeg(self, pipe: _Pipe) -> Iterator[Image | Note]:
-        while jpeg := pipe.until(b"\xff\xd9", _LARGEST_JPEG):
-            picture = decode_image(np.frombuffer(jpeg, np.uint8))
-            if picture is None:
-                if not pipe.stopped():
-                    yield Note(f"{self.info.name}: a JPEG of {len(jpeg)} bytes cannot be decoded and is left out")
-                continue
-            yield cast("Image", picture)
-
-    def close(self) -> None:
-        """The pipe is not ours to close."""
 
 
 class FramesReader:
@@ -560,63 +319,6 @@ class _Clock:
             said = f"{self._name}: the time stamps jump by {moment - self.last:.3f} s at frame {index}; they are kept"
         self.last = moment
         return moment, said
-
-
-class _Pipe:
-    """Bytes of a stream, in pieces, without being stuck in it when it is time to stop."""
-
-    def __init__(self, stream: BinaryIO, stopped: Callable[[], bool]) -> None:
-        self._stream, self.stopped = stream, stopped
-        self._held = bytearray()
-        try:
-            self._number: int | None = stream.fileno() if sys.platform != "win32" else None
-        except OSError:
-            self._number = None
-
-    def _more(self) -> bool:
-        while self._number is not None and not select.select([self._number], [], [], 0.1)[0]:
-            if self.stopped():
-                return False
-        if self.stopped():
-            return False
-        piece = self._stream.read(_CHUNK) if self._number is None else os.read(self._number, _CHUNK)
-        self._held += piece
-        return bool(piece)
-
-    def peek(self, count: int) -> bytes:
-        while len(self._held) < count and self._more():
-            pass
-        return bytes(self._held[:count])
-
-    def take(self, count: int) -> bytes:
-        while len(self._held) < count and self._more():
-            pass
-        piece = bytes(self._held[:count])
-        del self._held[:count]
-        return piece
-
-    def line(self) -> bytes:
-        """Up to and with the end of the line; headers are short, so a long one is none."""
-        while b"\n" not in self._held and len(self._held) < 4096 and self._more():
-            pass
-        return self.take(self._held.find(b"\n") + 1 or len(self._held))
-
-    def until(self, mark: bytes, most: int) -> bytes:
-        """Up to and with a mark; all that is left where it does not come, or not within so many bytes."""
-        begin = 0
-        while (at := self._held.find(mark, begin)) < 0:
-            if len(self._held) > most:
-                return self.take(most)
-            begin = max(len(self._held) - len(mark) + 1, 0)
-            if not self._more():
-                return self.take(len(self._held))
-        return self.take(at + len(mark))
-
-
-def _pause(seconds: float, stopped: Callable[[], bool]) -> None:
-    end = time.monotonic() + seconds
-    while not stopped() and (left := end - time.monotonic()) > 0:
-        time.sleep(min(left, 0.05))
 
 
 def _must_exist(path: Path) -> None:

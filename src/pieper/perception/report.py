@@ -79,6 +79,11 @@ class ReportColor:
         threshold, single
             As the attributes.
 
+        Returns
+        -------
+        ReportColor
+            Mean and covariance in HSV, as the report pools them.
+
         Raises
         ------
         VisionError
@@ -143,6 +148,21 @@ def gaussian_mask(hsv: Image, mean: FloatArray, covariance: FloatArray, threshol
     """Return 255 where the Mahalanobis distance of a pixel is below a threshold, 0 elsewhere.
 
     ``sqrt((p - mean)' covariance^-1 (p - mean)) < threshold``
+
+    Parameters
+    ----------
+    hsv : (height, width, 3) uint8 array
+        Hue from 0 to 179.
+    mean : (3,) array
+        Of the colour.
+    covariance : (3, 3) array
+        Of the colour.
+    threshold : float
+        A distance, not its square.
+
+    Returns
+    -------
+    (height, width) uint8 array
 
     Examples
     --------
@@ -281,7 +301,7 @@ class ReportTracker:
         )
 
     def combined(self) -> NDArray[np.uint8]:
-        """Return the union of the masks of the last frame, which must have been one."""
+        """Return the union (height, width) of the masks of the last frame, which must have been one."""
         return np.asarray(np.bitwise_or.reduce(list(self.masks.values())))
 
     def drawn(self, image: Image) -> Image:

@@ -21,12 +21,12 @@ from pieper.atomic_file import write_bytes
 from pieper.errors import VisionError
 from pieper.perception import truth
 from pieper.perception.calibration_file import save_camera, save_view
-from pieper.perception.color_learning import Region, regions_as_data
+from pieper.perception.color_regions import Region, regions_as_data
 from pieper.perception.opencv import opencv
-from pieper.perception.output import VideoFile
 from pieper.perception.pattern import FORMAT, Patterns
 from pieper.perception.scene import Ball, Robot
 from pieper.perception.synthetic import Renderer
+from pieper.perception.video_file import VideoFile
 from pieper.yaml_file import write_yaml
 
 if TYPE_CHECKING:

@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from pieper.errors import PieperWarning, VisionError
-from pieper.perception import reader
+from pieper.perception import live_reader, reader
 from pieper.perception.frame import Frame
+from pieper.perception.pipe_reader import PipeReader
 from pieper.perception.reader import Note, Reader, SourceInfo
 
 if TYPE_CHECKING:
@@ -246,17 +247,17 @@ def open_source(
 
 def _reader(what: Any, size: tuple[int, int] | None, fps: float | None, patience: float) -> Reader:
     if isinstance(what, int):
-        return reader.camera_reader(what, fps=fps, patience=patience)
+        return live_reader.camera_reader(what, fps=fps, patience=patience)
     if isinstance(what, str) or hasattr(what, "__fspath__"):
         text = str(what)
         if text == "-":
-            return reader.PipeReader(size=size, fps=fps)
+            return PipeReader(size=size, fps=fps)
         if text.isdecimal() and not Path(text).exists():
-            return reader.camera_reader(int(text), fps=fps, patience=patience)
+            return live_reader.camera_reader(int(text), fps=fps, patience=patience)
         if re.fullmatch(r"/dev/video\d+", text):
-            return reader.camera_reader(text, fps=fps, patience=patience)
+            return live_reader.camera_reader(text, fps=fps, patience=patience)
         if _URL.match(text):
-            return reader.stream_reader(text, fps=fps, patience=patience)
+            return live_reader.stream_reader(text, fps=fps, patience=patience)
         if Path(text).is_dir():
             return reader.FolderReader(text, fps=fps)
         return reader.VideoReader(text)
@@ -265,7 +266,7 @@ def _reader(what: Any, size: tuple[int, int] | None, fps: float | None, patience
     if hasattr(what, "info") and callable(getattr(what, "read", None)):
         return what  # type: ignore[no-any-return]
     if callable(getattr(what, "read", None)):
-        return reader.PipeReader(what, size=size, fps=fps, name=str(getattr(what, "name", "stream")))
+        return PipeReader(what, size=size, fps=fps, name=str(getattr(what, "name", "stream")))
     try:
         iter(what)
     except TypeError:
@@ -308,6 +309,11 @@ def read_frames(path: str | os.PathLike[str], numbers: Sequence[int]) -> list[Fr
         Video file, or folder of images.
     numbers : sequence of int
         Numbers of frames, from 0.
+
+    Returns
+    -------
+    list of Frame
+        With image, number and time.
 
     Raises
     ------

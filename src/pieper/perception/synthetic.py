@@ -53,7 +53,7 @@ class Renderer:
 
     Examples
     --------
-    >>> from pieper.perception.scene import preset
+    >>> from pieper.perception.scene_presets import preset
     >>> frame, truth = Renderer(preset("clean"))[0]
     >>> frame.size, len(truth.objects)
     ((640, 480), 11)

@@ -267,6 +267,15 @@ class Tracker:
         ----------
         time : float
             [s]; before the last frame, the covariance grows as it does after it.
+
+        Returns
+        -------
+        tuple of Estimate
+
+        Raises
+        ------
+        VisionError
+            The time is not finite.
         """
         if not np.isfinite(time):
             raise VisionError(f"the time to predict to must be a finite number of seconds, got {time}")
@@ -574,7 +583,7 @@ class _Measured:
 
 
 def _wrapped(angle: Any) -> Any:
-    """In (-pi, pi]."""
+    """In (-pi, pi], as `pieper.spatial.angle.wrap` gives it for what is a few turns off at most, in a fifth of its time."""
     return np.pi - (np.pi - angle) % _TURN
 
 

@@ -199,7 +199,17 @@ def _agreement(one: FloatArray, other: FloatArray) -> float:
 
 
 def draw_upright(image: Image, found: Upright, color: tuple[int, int, int] = (255, 255, 255)) -> None:
-    """Draw what was seen into an image (blue, green, red): the outline of the patch in black, that of a cylinder there, and a cross at its middle."""
+    """Draw what was seen into an image (blue, green, red): the outline of the patch in black, that of a cylinder there, and a cross at its middle.
+
+    Parameters
+    ----------
+    image : (height, width, 3) array of uint8
+        Blue, green, red; it is drawn into.
+    found : Upright
+        From `locate_upright`.
+    color : (int, int, int)
+        Of the cylinder and the cross: blue, green, red.
+    """
     cv2 = opencv("drawing over frames")
     for outline, ink, width in (
         (found.expected, (255, 255, 255), 5),

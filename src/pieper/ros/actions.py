@@ -94,7 +94,13 @@ class Goal:
         return self.status is not GoalStatus.unknown and not self.status.is_final
 
     def accept(self) -> None:
-        """Take it on: it is executing from now on."""
+        """Take it on: it is executing from now on.
+
+        Raises
+        ------
+        RosError
+            It was accepted before, or has ended.
+        """
         if self.status is not GoalStatus.unknown:
             raise RosError(f"a goal is accepted once; this one is {self.status.name}")
         self._server._goals[self.id] = self
@@ -114,7 +120,13 @@ class Goal:
         self._end(GoalStatus.aborted, message, fields)
 
     def cancel(self, message: Mapping[str, Any] | object | None = None, /, **fields: Any) -> None:
-        """End it: given up because its client asked for that."""
+        """End it: given up because its client asked for that.
+
+        Raises
+        ------
+        RosError
+            Its client did not ask for that; a message that does not fit.
+        """
         if self.status is not GoalStatus.canceling:
             raise RosError(
                 f"only a goal whose client asked for it is cancelled; this one is {self.status.name}: abort it"
@@ -369,6 +381,11 @@ class ActionClient:
         on_done : callable, optional
             ``on_done(goal)``, once: when it was rejected, or with its result.
 
+        Returns
+        -------
+        SentGoal
+            Whose state follows what the server says.
+
         Raises
         ------
         RosError
@@ -396,6 +413,11 @@ class ActionClient:
             Seconds to wait for the server, and again for the end.
         on_feedback : callable, optional
             ``on_feedback(feedback)``.
+
+        Returns
+        -------
+        SentGoal
+            Rejected, or ended with a result.
 
         Raises
         ------

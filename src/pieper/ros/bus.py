@@ -314,6 +314,11 @@ class Bus:
         qos : QoS
             Quality of service.
 
+        Returns
+        -------
+        Publisher
+            ``publisher.send(x=1.0)``, or a message.
+
         Raises
         ------
         RosError
@@ -395,6 +400,15 @@ class Bus:
             From :meth:`client`.
         timeout : float
             Seconds, for the server to appear and to answer.
+        message : mapping or message, optional
+            The request, where it is not given by its fields.
+        **fields
+            Fields of the request by name.
+
+        Returns
+        -------
+        message
+            The answer of the server.
 
         Raises
         ------
@@ -416,6 +430,11 @@ class Bus:
         """Call ``callback()`` every ``period`` seconds of the bus's clock, first after one period.
 
         A timer that has fallen behind is called once and goes on from there; missed calls are not made up for.
+
+        Raises
+        ------
+        RosError
+            The period is not positive and finite.
         """
         if not 0.0 < period < float("inf"):
             raise RosError(f"the period of a timer must be positive and finite, in seconds; got {period!r}")
@@ -464,6 +483,11 @@ class Bus:
         read_only : bool
             Settable at the start only.
 
+        Returns
+        -------
+        Parameter
+            Its ``.value`` is what it is now.
+
         Raises
         ------
         RosError
@@ -477,7 +501,13 @@ class Bus:
         return self._parameters.declared
 
     def log(self, level: str, text: str) -> None:
-        """Write a line to standard error and to ``/rosout``; ``level`` is debug, info, warn, error or fatal."""
+        """Write a line to standard error and to ``/rosout``; ``level`` is debug, info, warn, error or fatal.
+
+        Raises
+        ------
+        RosError
+            There is no such level.
+        """
         if level not in _LEVELS:
             raise RosError(f"no log level {level!r}; levels are: {', '.join(_LEVELS)}")
         if _LEVELS[level] < self._threshold:

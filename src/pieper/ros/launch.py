@@ -115,6 +115,10 @@ def commands(mode: str, arm: str, *, ends: Sequence[str] = (), options: Sequence
     options : sequence of str
         For every node, ROS arguments last.
 
+    Returns
+    -------
+    dict of str to list of str
+
     Examples
     --------
     >>> for name, command in commands("ik", "ur5e").items():
@@ -164,6 +168,11 @@ class Launch:
         ----------
         started : callable, optional
             Called when all have been started.
+
+        Returns
+        -------
+        int
+            0, or what the first process that failed by itself ended with.
         """
         try:
             for number, (name, command) in enumerate(self._commands.items(), 1):
@@ -227,7 +236,10 @@ class Launch:
                 code = process.wait()
                 self.say(f"[ERROR] [{name}]: did not end within {_PATIENCE:g} s and was killed [pid {process.pid}]")
             else:
-                self.say(f"[INFO] [{name}]: process has finished cleanly [pid {process.pid}]")
+                if code > 0:  # it had failed by itself before it was asked
+                    self.say(f"[ERROR] [{name}]: process has died [pid {process.pid}, exit code {code}]")
+                else:
+                    self.say(f"[INFO] [{name}]: process has finished cleanly [pid {process.pid}]")
             if code > 0:
                 self.code = self.code or code
         for reader in self._readers:

@@ -52,6 +52,11 @@ def make(type_name: str, message: Mapping[str, Any] | object | None = None, /, *
     **fields
         Fields by name; they go before those of ``message``. What is not given is 0, empty, or the type's own default.
 
+    Returns
+    -------
+    message
+        An object with the fields as attributes.
+
     Raises
     ------
     RosError

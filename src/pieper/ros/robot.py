@@ -111,7 +111,7 @@ class RosRobot(Robot):
         return self._state
 
     def command(self, q: ArrayLike | Mapping[str, float]) -> None:
-        """Go to joint values, in the time of the quickest smooth move and a tenth more; joints that a mapping leaves out stay.
+        """Go to joint values (n,) [rad or m], in the time of the quickest smooth move and a tenth more; joints that a mapping leaves out stay.
 
         Raises
         ------

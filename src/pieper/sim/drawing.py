@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pieper.kinematics.fk import fk, fk_frames
+from pieper.sim.font import font_for
+from pieper.sim.ghost import laid_over
 from pieper.sim.offscreen import Offscreen, Pixels, import_mujoco, import_pillow
 from pieper.sim.stage import AXIS_COLORS, rgb
 
@@ -33,7 +35,6 @@ _TIMES_LOOKED_AT = 40  # of a motion, when the camera is set up
 _TRACE_POINTS = 200
 _SHOWS_THROUGH = 0.55  # of a frame behind something
 _SOLID = 0.999
-_COINCIDE = 6e-6  # of the depth; links that a ghost shares with an arm are in the same place up to rounding
 _NOT_DRAWN = 5  # a group of MuJoCo's
 # as fractions of the size of what is shown
 _ARROW, _ARROW_WIDTH = 0.08, 0.0055
@@ -115,7 +116,7 @@ def drawing(stage: Stage) -> Iterator[Callable[[float], Image]]:
             ]
             strokes, names = _marks(stage, t, scale, lines)
             nearest = depth
-            colors = _with_ghosts(colors, depth, ghosts)
+            colors = laid_over(colors, depth, ghosts)
             for _, ghost in ghosts:
                 nearest = np.minimum(nearest, ghost.depth)
             if strokes:
@@ -127,23 +128,6 @@ def drawing(stage: Stage) -> Iterator[Callable[[float], Image]]:
             return _written(image, stage, names, camera, scale)
 
         yield draw
-
-
-def _with_ghosts(colors: NDArray[np.float32], depth: NDArray[np.float32], ghosts: list[tuple[float, Pixels]]) -> Any:
-    """Lay ghosts over a stage, the farthest first at every pixel."""
-    if not ghosts:
-        return colors
-    depths = np.stack([ghost.depth for _, ghost in ghosts])
-    images = np.stack([ghost.colors for _, ghost in ghosts])
-    opacities = np.array([opacity for opacity, _ in ghosts], dtype=np.float32)
-    order = np.argsort(-depths, axis=0)
-    for k in range(len(ghosts)):
-        which = order[k]
-        here = np.take_along_axis(depths, which[None], 0)[0]
-        paint = np.take_along_axis(images, which[None, ..., None], 0)[0]
-        weight = opacities[which] * (here < depth - _COINCIDE)
-        colors = colors + weight[..., None] * (paint - colors)
-    return colors
 
 
 def _shrunk(colors: NDArray[np.float32], factor: int) -> Image:
@@ -370,16 +354,16 @@ def _written(image: Image, stage: Stage, names: list[_Name], camera: _Camera, sc
     if not names and not notes:
         return image
     pillow = import_pillow()
-    from PIL import ImageDraw, ImageFont
+    from PIL import ImageDraw
 
     canvas = pillow.fromarray(image)
     pen = ImageDraw.Draw(canvas)
-    font = ImageFont.load_default(max(9.0, 0.019 * size[1]))
     text, halo = stage.theme.text, stage.theme.halo
     taken: list[tuple[float, float, float, float]] = []
     for name in names:
         x, y = camera.pixel(name.at, size)
         words = name.text
+        font = font_for(words, max(9.0, 0.019 * size[1]))
         left, top, right, bottom = pen.textbbox((0, 0), words, font=font)
         w, h = right - left, bottom - top
         box = _free_place(x, y, w, h, taken, size)
@@ -389,7 +373,7 @@ def _written(image: Image, stage: Stage, names: list[_Name], camera: _Camera, sc
             pen.line([(x, y), beside], fill=stage.theme.metal, width=1)
         pen.text((box[0] - left, box[1] - top), words, font=font, fill=text, stroke_width=2, stroke_fill=halo)
     for note in notes:
-        small = ImageFont.load_default(max(9.0, 0.016 * size[1]))
+        small = font_for(note, max(9.0, 0.016 * size[1]))
         bottom = pen.textbbox((0, 0), note, font=small)[3]
         pen.text((8, size[1] - bottom - 7), note, font=small, fill=stage.theme.metal)
     return np.array(canvas)

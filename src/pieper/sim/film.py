@@ -37,6 +37,13 @@ def frame_times(duration: float, *, fps: float, speed: float = 1.0, hold: float 
 
     The film takes ``k / fps`` seconds, at most one frame more than ``duration / speed + hold``; during `hold` the end is shown.
 
+    Raises
+    ------
+    ArrayError
+        A rate, a speed or a time that is not positive and finite, or more pictures than a film may have.
+
+    Examples
+    --------
     >>> frame_times(1.0, fps=4)
     array([0.  , 0.25, 0.5 , 0.75, 1.  ])
     """
@@ -161,7 +168,11 @@ def save_images(
     Parameters
     ----------
     images : iterator of (height, width, 3) arrays
-        `count` pictures of one `size` (width, height).
+        All of one size.
+    count : int
+        How many there are, for the progress.
+    size : (int, int)
+        Width and height [px].
     path, fps, progress
         As for `save`.
 

@@ -141,7 +141,18 @@ class ParallelGripper:
 
 
 def add_gripper(spec: Any, body: Any, gripper: ParallelGripper, T_body_tip: FloatArray) -> None:
-    """Put a gripper on a body of a MuJoCo specification; its joints, geoms and drive begin with ``finger/`` and ``palm/``."""
+    """Put a gripper on a body of a MuJoCo specification; its joints, geoms and drive begin with ``finger/`` and ``palm/``.
+
+    Parameters
+    ----------
+    spec : mujoco.MjSpec
+        Is added to.
+    body : mujoco.MjsBody
+        Of the hand.
+    gripper : ParallelGripper
+    T_body_tip : (4, 4) array
+        The tip of the arm in the frame of the body [m, -].
+    """
     mujoco = import_mujoco()
     T = T_body_tip @ gripper.T_tip_mount
     opening, paint, steel, rubber = 0.5 * gripper.stroke, rgb(gripper.color), (0.75, 0.77, 0.80), (0.15, 0.15, 0.17)

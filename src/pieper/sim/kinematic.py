@@ -133,6 +133,11 @@ class KinematicSimulator(Simulator):
         dt : float
             [s], from 0 to 1e6.
 
+        Returns
+        -------
+        RobotState
+            Time, joint values and velocities at the end.
+
         Raises
         ------
         ArrayError

@@ -147,7 +147,7 @@ def build_arm(
 
 
 def quaternion(R: FloatArray) -> FloatArray:
-    """MuJoCo's order, w x y z."""
+    """The quaternion (4,) of a rotation (3, 3) in MuJoCo's order, w x y z."""
     mujoco = import_mujoco()
     found = np.zeros(4)
     mujoco.mju_mat2Quat(found, np.ascontiguousarray(R).ravel())

@@ -19,7 +19,7 @@ from pieper.motion.limits import JointLimits
 from pieper.motion.robot import RobotState, Simulator
 from pieper.sim.gripper import GripperDrive, ParallelGripper, add_gripper
 from pieper.sim.kinematic import joined, joint_vector, seconds
-from pieper.sim.mujoco_arm import axis_name, body_name, build_arm, quaternion
+from pieper.sim.mujoco_arm import axis_name, build_arm, quaternion
 from pieper.sim.offscreen import import_mujoco
 from pieper.sim.pierced import CapsulesAndBoxes
 from pieper.sim.scene import Scene, add_scene, friction_vector, pose
@@ -210,7 +210,7 @@ class MujocoSimulator(Simulator):
         return np.asarray(self.arm.fk(self.read().q))
 
     def command(self, q: ArrayLike | Mapping[str, float]) -> None:
-        """Go to joint values on a straight line in joint space, with a smooth start and stop; from a motion, after a halt.
+        """Go to joint values (n,) [rad or m] on a straight line in joint space, with a smooth start and stop; from a motion, after a halt.
 
         Parameters and errors as for `pieper.sim.kinematic.KinematicSimulator.command`.
         """
@@ -219,7 +219,7 @@ class MujocoSimulator(Simulator):
         self._goal = goal
 
     def command_velocity(self, dq: ArrayLike | Mapping[str, float]) -> None:
-        """Move with constant joint velocities until something else is commanded; a joint that comes to its limit stops there.
+        """Move with constant joint velocities (n,) [rad/s or m/s] until something else is commanded; a joint that comes to its limit stops there.
 
         Velocities are taken up within the acceleration limits. Parameters and errors as for the kinematic simulator.
         """
@@ -251,6 +251,11 @@ class MujocoSimulator(Simulator):
         ----------
         dt : float
             [s], from 0 to 3600.
+
+        Returns
+        -------
+        RobotState
+            Time, joint values and velocities at the end.
 
         Raises
         ------
@@ -294,7 +299,7 @@ class MujocoSimulator(Simulator):
         return T
 
     def put(self, name: str, T_world_object: ArrayLike) -> None:
-        """Put a thing that moves somewhere else, at rest.
+        """Put a thing that moves somewhere else, (4, 4) [m, -], at rest.
 
         Raises
         ------
@@ -321,6 +326,11 @@ class MujocoSimulator(Simulator):
             Joint values [rad or m].
         places : mapping of str to (4, 4) array, optional
             Things that move, and where in the world.
+
+        Returns
+        -------
+        (nq,) array
+            MuJoCo's ``qpos`` [m, rad, -].
         """
         positions = np.array(self.data.qpos)
         positions[self._q] = self.chain.coupling @ np.asarray(q, dtype=np.float64)
@@ -337,7 +347,15 @@ class MujocoSimulator(Simulator):
         return float(np.linalg.norm(velocity[:3]) + 0.1 * np.linalg.norm(velocity[3:]))
 
     def set_friction(self, name: str, friction: float) -> None:
-        """Change the friction of a thing [-]: oil it, or dry it."""
+        """Change the friction of a thing [-]: oil it, or dry it.
+
+        Raises
+        ------
+        UnknownNameError
+            No thing of that name.
+        ArrayError
+            It is negative or not finite.
+        """
         if not (np.isfinite(friction) and friction >= 0.0):
             raise ArrayError(f"friction must be 0 or more and finite, got {friction!r}")
         self.model.geom(self._thing(name)).friction = friction_vector(friction)
@@ -367,7 +385,14 @@ class MujocoSimulator(Simulator):
         q : (n,) array
             Joint values [rad or m].
         held : str, optional
-            A thing that goes along in the hand, at `T_tip_held` (4, 4) in the frame of the tip; it must touch nothing but the hand.
+            A thing that goes along in the hand; it must touch nothing but the hand.
+        T_tip_held : (4, 4) array, optional
+            Where it is in the hand, in the frame of the tip [m, -].
+
+        Returns
+        -------
+        str
+            The two things, or nothing.
 
         Notes
         -----
@@ -497,8 +522,3 @@ def _read_only(values: FloatArray) -> FloatArray:
     copy = np.array(values)
     copy.setflags(write=False)
     return copy
-
-
-def arm_bodies(robot: MujocoSimulator) -> tuple[str, ...]:
-    """Names of the bodies of the arm in the model."""
-    return tuple(body_name(link) for link in range(len(robot.chain.screws) + 1))

@@ -171,6 +171,11 @@ class Picture:
             ``"#rrggbb"``.
         opacity : float
             From 0 to 1.
+
+        Raises
+        ------
+        ArrayError
+            A pose that is none, or an opacity that is not above 0 and at most 1.
         """
         if not 0.0 < opacity <= 1.0:
             raise ArrayError(f"opacity must be above 0 and at most 1, got {opacity}")
@@ -191,14 +196,26 @@ class Picture:
             self.stage.arms.append(ShownArm(nothing, motion, color, opacity, (), False, False, False, bodies))
 
     def add_frame(self, T_base_frame: ArrayLike, *, label: str = "") -> None:
-        """Show a frame that stays where it is, (4, 4)."""
+        """Show a frame that stays where it is, (4, 4).
+
+        Raises
+        ------
+        ArrayError
+            It is no pose, or more than one.
+        """
         T = stack(T_base_frame, (4, 4), "T_base_frame")
         if T.ndim != 2:
             raise ArrayError(f"T_base_frame must have shape (4, 4), got {T.shape}; add several frames one by one")
         self.stage.still_frames.append(ShownFrame(label, T))
 
     def add_line(self, points: ArrayLike, *, color: str = "#d6336c") -> None:
-        """Show a line through points, (k, 3) [m]."""
+        """Show a line through points, (k, 3) [m].
+
+        Raises
+        ------
+        ArrayError
+            There are fewer than two points, or points of another shape.
+        """
         line = stack(points, (3,), "points")
         if line.ndim != 2 or len(line) < 2:
             raise ArrayError(f"points must have shape (k, 3) with two points or more, got {line.shape}")

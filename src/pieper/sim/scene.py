@@ -130,7 +130,13 @@ class SceneCamera:
     def looking(
         cls, name: str, eye: ArrayLike, target: ArrayLike, *, field_of_view: float = float(np.radians(40.0))
     ) -> SceneCamera:
-        """A level camera at a point, (3,) [m], that looks at another."""
+        """A level camera at a point, (3,) [m], that looks at another.
+
+        Raises
+        ------
+        ArrayError
+            Both are the same point.
+        """
         where, there = stack(eye, (3,), "eye"), stack(target, (3,), "target")
         ahead = there - where
         if float(np.linalg.norm(ahead)) < 1e-9:
@@ -188,7 +194,13 @@ class Scene:
 
 
 def pose(value: ArrayLike, name: str) -> FloatArray:
-    """A read-only (4, 4) pose, checked."""
+    """A read-only (4, 4) pose, checked.
+
+    Raises
+    ------
+    ArrayError
+        Another shape, or no rotation in it.
+    """
     T = np.array(stack(value, (4, 4), name))
     if T.ndim != 2:
         raise ArrayError(f"{name} must have shape (4, 4), got {T.shape}")
@@ -199,7 +211,19 @@ def pose(value: ArrayLike, name: str) -> FloatArray:
 
 
 def at(x: float, y: float, z: float, *, yaw: float = 0.0) -> FloatArray:
-    """(4, 4) pose of something upright at a point [m], turned about the vertical [rad]."""
+    """The pose of something upright at a point, turned about the vertical.
+
+    Parameters
+    ----------
+    x, y, z : float
+        In the frame of the world [m].
+    yaw : float
+        [rad]
+
+    Returns
+    -------
+    (4, 4) array
+    """
     c, s = np.cos(yaw), np.sin(yaw)
     return np.array([[c, -s, 0.0, x], [s, c, 0.0, y], [0.0, 0.0, 1.0, z], [0.0, 0.0, 0.0, 1.0]])
 
@@ -236,6 +260,13 @@ def shelf(
         Height that the walls begin at [m].
     thickness : float
         Of boards and walls [m].
+    color : str
+        ``"#rrggbb"``.
+
+    Returns
+    -------
+    tuple of SceneObject
+        Walls, boards, back and lid, all fixed.
     """
     ys, heights = sorted(edges), sorted(boards)
     deep, middle = x[1] - x[0], 0.5 * (x[0] + x[1])

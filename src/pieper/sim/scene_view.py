@@ -3,27 +3,35 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pieper.errors import ArrayError, unknown_name
+from pieper.kinematics.joints import as_joints
 from pieper.sim import film
-from pieper.sim.mujoco_arm import SOLIDS
+from pieper.sim.font import font_for
+from pieper.sim.ghost import laid_over
+from pieper.sim.mujoco_arm import SOLIDS, body_name
 from pieper.sim.offscreen import Offscreen, import_mujoco, import_pillow
+from pieper.sim.stage import rgb
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
     from types import TracebackType
 
     from typing_extensions import Self
 
+    from pieper.sim.ghost import Ghost
+    from pieper.sim.offscreen import Pixels
     from pieper.sim.physics import MujocoSimulator
 
 FloatArray = NDArray[np.float64]
 Image = NDArray[np.uint8]
+
+_NOT_DRAWN = 5  # a group of MuJoCo's
 
 LARGEST = (1920, 1440)
 """Pixels that the model of a scene has room for."""
@@ -80,7 +88,7 @@ class SceneView:
             self._target = undo.enter_context(Offscreen(self.robot.model, width, height))
             self._data = mujoco.MjData(self.robot.model)
             self._option = mujoco.MjvOption()
-            self._option.geomgroup[SOLIDS] = 0
+            self._option.geomgroup[SOLIDS] = self._option.geomgroup[_NOT_DRAWN] = 0
             self._seen = mujoco.MjvCamera()
             self._seen.type = mujoco.mjtCamera.mjCAMERA_FIXED
             self._seen.fixedcamid = self._camera
@@ -92,9 +100,24 @@ class SceneView:
     ) -> None:
         self._undo.close()
 
-    def image(self, positions: FloatArray | None = None) -> Image:
-        """(height, width, 3) of what is there now, or of recorded `positions` of MuJoCo."""
-        return self._shrunk(self._drawn(positions).colors.astype(np.float32))
+    def image(self, positions: FloatArray | None = None, *, ghosts: Sequence[Ghost] = ()) -> Image:
+        """(height, width, 3) of what is there now, or of recorded `positions` of MuJoCo.
+
+        Parameters
+        ----------
+        positions : array, optional
+            See `MujocoSimulator.positions` and `Recording.moments`.
+        ghosts : sequence of Ghost
+            The arm with its gripper at other joint values, to look through.
+
+        Raises
+        ------
+        ArrayError
+            Joint values that do not fit the arm, an opacity that is not from 0 to 1, or a colour that is none.
+        """
+        drawn = self._drawn(positions)
+        layers = [(_opacity(ghost), self._alone(ghost)) for ghost in ghosts]
+        return self._shrunk(laid_over(drawn.colors.astype(np.float32), drawn.depth, layers))
 
     def depth(self, positions: FloatArray | None = None) -> FloatArray:
         """(height, width) distance along the axis of the camera [m]; infinite where nothing is."""
@@ -106,7 +129,7 @@ class SceneView:
             distance = near / (1.0 - z * (1.0 - near / far))
         return np.where(z >= 1.0, np.inf, distance)
 
-    def _drawn(self, positions: FloatArray | None) -> Any:
+    def _drawn(self, positions: FloatArray | None, paint: FloatArray | None = None) -> Pixels:
         mujoco = import_mujoco()
         model = self.robot.model
         self._data.qpos[:] = self.robot.data.qpos if positions is None else positions
@@ -123,7 +146,29 @@ class SceneView:
             self._target.scene,
         )
         self._target.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
-        return self._target.draw()
+        if paint is not None:
+            for shape in self._target.scene.geoms[: self._target.scene.ngeom]:
+                shape.rgba[:3] = paint
+        pixels: Pixels = self._target.draw()
+        return pixels
+
+    def _alone(self, ghost: Ghost) -> Pixels:
+        """A ghost with nothing around it."""
+        mujoco = import_mujoco()
+        model, flags = self.robot.model, self._target.scene.flags
+        paint = None if ghost.color is None else rgb(ghost.color)
+        q = as_joints(self.robot.chain, ghost.q, name="the joint values of a ghost")
+        if q.ndim != 1:
+            raise ArrayError(f"the joint values of a ghost must have shape ({self.robot.chain.dof},), got {q.shape}")
+        groups, before = np.array(model.geom_group), np.array(flags)
+        root = int(model.body(body_name(0)).id)
+        try:
+            model.geom_group[model.body_rootid[model.geom_bodyid] != root] = _NOT_DRAWN
+            for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_SKYBOX, mujoco.mjtRndFlag.mjRND_FOG):
+                flags[flag] = False
+            return self._drawn(self.robot.positions(q), paint)
+        finally:
+            model.geom_group[:], flags[:] = groups, before
 
     def _shrunk(self, colors: NDArray[np.float32]) -> Image:
         f = self._factor
@@ -131,6 +176,12 @@ class SceneView:
             colors.reshape(colors.shape[0] // f, f, colors.shape[1] // f, f, 3).mean(axis=(1, 3)) if f > 1 else colors
         )
         return np.clip(np.rint(small), 0, 255).astype(np.uint8)
+
+
+def _opacity(ghost: Ghost) -> float:
+    if not 0.0 <= ghost.opacity <= 1.0:
+        raise ArrayError(f"the opacity of a ghost must be from 0 to 1, got {ghost.opacity}")
+    return ghost.opacity
 
 
 class Moment(NamedTuple):
@@ -188,7 +239,13 @@ class Recording:
         smooth: bool = False,
         progress: Callable[[int, int], None] | None = None,
     ) -> int:
-        """Write a film, ``.mp4`` or ``.gif``; returns the number of frames. Errors as from `pieper.sim.film.save`."""
+        """Write a film, ``.mp4`` or ``.gif``; returns the number of frames. Errors as from `pieper.sim.film.save`.
+
+        Raises
+        ------
+        ArrayError
+            Nothing was recorded.
+        """
         if not self.moments:
             raise ArrayError("nothing was recorded: let time pass first")
         film.check_ready(path, self.fps)
@@ -208,11 +265,11 @@ def captioned(image: Image, caption: str) -> Image:
     if not caption:
         return image
     pillow = import_pillow()
-    from PIL import ImageDraw, ImageFont
+    from PIL import ImageDraw
 
     canvas = pillow.fromarray(image)
     pen = ImageDraw.Draw(canvas)
-    font = ImageFont.load_default(max(10.0, 0.03 * image.shape[0]))
+    font = font_for(caption, max(10.0, 0.03 * image.shape[0]))
     bottom = pen.textbbox((0, 0), caption, font=font)[3]
     pen.text(
         (10, image.shape[0] - bottom - 10), caption, font=font, fill="#1b1f24", stroke_width=2, stroke_fill="#ffffff"

@@ -54,7 +54,14 @@ def _numbers(value: ArrayLike, name: str) -> FloatArray:
             raise TypeError(f"its elements are of type {raw.dtype}")
         return np.asarray(raw, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as cause:
-        raise ArrayError(f"{name} must be an array of real numbers: {cause}") from cause
+        said = f"{name} must be an array of real numbers"
+        if isinstance(value, (list, tuple)):
+            said += ", and its rows of equal lengths" if "inhomogeneous" in str(cause) else f": {cause}"
+        elif isinstance(value, (str, bytes, np.ndarray)):
+            said += f": {cause}"
+        else:  # an object of another package
+            said += f", got {type(value).__name__}; give its numbers as an array"
+        raise ArrayError(said) from cause
 
 
 def together(**leading: tuple[int, ...]) -> tuple[int, ...]:

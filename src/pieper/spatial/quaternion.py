@@ -125,7 +125,7 @@ def _quaternion_of_one(rows: list[list[float]]) -> list[float]:
 
 
 def canonical(quaternion: FloatArray) -> FloatArray:
-    """Of ``q`` and ``-q`` the one with ``w > 0``, or at ``w = 0`` with its first non-zero component positive."""
+    """Of the quaternions ``q`` and ``-q``, (..., 4) xyzw, the one with ``w > 0``, or at ``w = 0`` with its first non-zero component positive."""
     x, y, z, w = (quaternion[..., i] for i in range(4))
     deciding = np.where(w != 0.0, w, np.where(x != 0.0, x, np.where(y != 0.0, y, z)))
     return np.where((deciding < 0.0)[..., None], -quaternion, quaternion) + 0.0  # + 0.0 turns -0.0 into 0.0
@@ -138,7 +138,7 @@ def rotation_vector_from_quaternion(quaternion: FloatArray) -> FloatArray:
 
 
 def unit_and_length(vector: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Direction and Euclidean length along the last axis; the direction of a zero vector is zero.
+    """Direction (..., k) and Euclidean length (...) of vectors (..., k); the direction of a zero vector is zero.
 
     The squares of the components neither underflow nor overflow, and a length past the largest double is that double.
     """
@@ -158,7 +158,7 @@ def matrix_of_turn(axis: FloatArray, angle: FloatArray) -> FloatArray:
 
 
 def matrix_from_unit_quaternion(quaternion: FloatArray) -> FloatArray:
-    """Rotation matrices of quaternions of length 1."""
+    """Rotation matrices (..., 3, 3) of quaternions (..., 4) of length 1."""
     from scipy.spatial.transform import Rotation
 
     if quaternion.size == 0:
@@ -168,12 +168,18 @@ def matrix_from_unit_quaternion(quaternion: FloatArray) -> FloatArray:
 
 
 def quaternion_angle(quaternion: FloatArray) -> FloatArray:
-    """Angle in [0, pi] of unit quaternions with ``w >= 0``."""
+    """Angle (...) in [0, pi] of unit quaternions (..., 4) with ``w >= 0``."""
     return np.asarray(2.0 * np.arctan2(unit_and_length(quaternion[..., :3])[1], quaternion[..., 3]))
 
 
 def normalised(vector: FloatArray, name: str) -> FloatArray:
-    """Vectors of length 1 along the last axis."""
+    """Vectors (..., k) of length 1 along the last axis, (..., k).
+
+    Raises
+    ------
+    ArrayError
+        A vector is zero; the message calls it `name`.
+    """
     if not vector.any(axis=-1).all():
         raise ArrayError(f"{name} must not be zero: it has no direction to normalise")
     return unit_and_length(vector)[0]

@@ -9,192 +9,48 @@ from __future__ import annotations
 
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pieper.errors import ArrayError, PieperError, unknown_name
 from pieper.model.description import Box, Cylinder
 from pieper.motion.collision import CollisionModel
 from pieper.motion.world import Item, World
-from pieper.sim.gripper import GripperState, ParallelGripper
+from pieper.sim.gripper import GripperState
 from pieper.sim.physics import MujocoSimulator
-from pieper.sim.scene import Scene, at, pose
+from pieper.sim.scene import at
 from pieper.tasks.mover import DirectMover, Mover
+from pieper.tasks.pick_stage import STAGES, Cycle, Stage
+from pieper.tasks.pick_task import FloatArray, PickTask
 from pieper.tasks.planned_mover import PlannedMover, is_there
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from pieper.arm import Arm
     from pieper.motion.trajectory import Trajectory
 
-FloatArray = NDArray[np.float64]
-
-STAGES = (
-    "plan to pre-grasp",
-    "inverse kinematics",
-    "move",
-    "reach",
-    "close gripper",
-    "retract",
-    "move to bin",
-    "release",
-    "next target",
-)
-"""Of a cycle, in order. ``recover`` comes between when a grasp was lost."""
+__all__ = [
+    "MOST_TILT",
+    "PATIENCE",
+    "PLANNERS",
+    "STAGES",
+    "Cycle",
+    "PickAndPlace",
+    "PickTask",
+    "Stage",
+    "chosen_planner",
+]
 
 PATIENCE = 8.0
 """How long a state is waited for [s of the simulation]."""
-
 MOST_TILT = float(np.radians(15.0))
 """How far a thing may lean and still be gripped [rad]."""
-
-_FARTHEST = 100.0  # [m] of distances of a task: what is more is no room
 _INSIDE = 0.002  # [m] deeper than things rest on each other
 _GUARDED_EVERY = 5  # time steps between looks at what touches what
 _LOOSE = 0.02  # [m] how far from its place in the hand a thing may be
-_STILL = 0.02  # [m/s]
+STILL = 0.02  # [m/s]
 _STAYS, _FOR = 0.005, 0.25  # [m] and [s]: what lies in a heap may tremble
-
-
-class Stage(NamedTuple):
-    """What became of a stage: which `cycle` (from 1) and `target`, its `name`, whether it `succeeded`, why not, and from when to when [s]."""
-
-    cycle: int
-    target: str
-    name: str
-    succeeded: bool
-    reason: str
-    start: float
-    end: float
-
-    @property
-    def outcome(self) -> str:
-        """``SUCCEEDED`` or ``FAILED``."""
-        return "SUCCEEDED" if self.succeeded else "FAILED"
-
-    def __str__(self) -> str:
-        line = f"{self.end:8.2f} s  cycle {self.cycle:<3d} {self.target:<10s} {self.name:<18s} {self.outcome}"
-        return f"{line}  {self.reason}" if self.reason else line
-
-
-class Cycle(NamedTuple):
-    """What became of a cycle: its `number` from 1, its `target`, whether it was `placed`, `attempts`, the `reason` if not, and `duration` [s]."""
-
-    number: int
-    target: str
-    placed: bool
-    attempts: int
-    reason: str
-    duration: float
-
-
-@dataclass(frozen=True, eq=False)
-class PickTask:
-    """What is picked, by which arm, and where it goes.
-
-    Attributes
-    ----------
-    name : str
-    arm : Arm
-        Its tip carries the gripper.
-    gripper : ParallelGripper
-    scene : Scene
-        With every target in it, in its slot.
-    targets : tuple of str
-        Names of the things to pick, in order.
-    T_object_grasp : (4, 4) array
-        Where the middle of the pads goes, in the frame of a target: z ahead, y from finger to finger.
-    T_world_drop : (4, 4) array
-        Tip of the arm when it lets go.
-    bin_region : (2, 3) array
-        Corners of the space where a thing counts as placed [m].
-    q_home : (n,) array
-        Where the arm begins [rad or m].
-    approach : float
-        How far before the grasp the straight way begins [m].
-    clearance : float
-        How much farther back the arm goes before it swings away [m].
-    lift : float
-        How far up before it draws back [m].
-    drop_step : float
-        Distance of the nine places, in a square around `T_world_drop`, where things are let go in turn [m]; what stands well on another
-        thing would make a tower.
-    spin_free : bool
-        Whether the turn about the direction of approach does not matter, as with a can from above; arms with five joints need that.
-    position_noise, yaw_noise : float
-        Greatest shift along x and along y [m], and turn [rad], of the things in their slots.
-    attempts : int
-        Grasps of a thing before it is left.
-    postures : tuple of (n,) arrays
-        Safe ones to go by way of, besides `q_home`.
-    speed : float
-        Fraction of the arm's velocity limits.
-
-    Raises
-    ------
-    ArrayError
-        A pose, a size or a number that makes no task; a target that is not in the scene or does not move.
-    """
-
-    name: str
-    arm: Arm
-    gripper: ParallelGripper
-    scene: Scene
-    targets: tuple[str, ...]
-    T_object_grasp: FloatArray
-    T_world_drop: FloatArray
-    bin_region: FloatArray
-    q_home: FloatArray
-    approach: float = 0.2
-    clearance: float = 0.3
-    lift: float = 0.03
-    drop_step: float = 0.0
-    spin_free: bool = False
-    position_noise: float = 0.005
-    yaw_noise: float = float(np.radians(5.0))
-    attempts: int = 3
-    postures: tuple[FloatArray, ...] = ()
-    speed: float = 1.0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "targets", tuple(self.targets))
-        for name in ("T_object_grasp", "T_world_drop"):
-            object.__setattr__(self, name, pose(getattr(self, name), name))
-        for name in ("approach", "clearance", "lift", "drop_step", "position_noise", "yaw_noise"):
-            if not 0.0 <= getattr(self, name) <= _FARTHEST:
-                raise ArrayError(f"{name} must be from 0 to {_FARTHEST:g}, got {getattr(self, name):.6g}")
-        if not 0.0 < self.speed <= 1.0:
-            raise ArrayError(f"speed must be above 0 and at most 1, got {self.speed}")
-        if self.attempts < 1:
-            raise ArrayError(f"attempts must be 1 or more, got {self.attempts}")
-        if not self.targets:
-            raise ArrayError("targets must name at least one thing of the scene")
-        for target in self.targets:
-            if self.targets.count(target) > 1:
-                raise ArrayError(f"target {target!r} is named twice; once it is in the bin it is not picked again")
-            if not self.scene.object(target).moves:
-                raise ArrayError(f"target {target!r} is fixed; give it a mass")
-
-    def grasp_at(self, T_world_object: FloatArray) -> FloatArray:
-        """(4, 4) pose of the tip that grips a thing which is there."""
-        return np.asarray(T_world_object @ self.T_object_grasp @ np.linalg.inv(self.gripper.T_tip_grasp))
-
-    def drop_of(self, target: str) -> FloatArray:
-        """(4, 4) pose of the tip where it lets go of a target."""
-        number = self.targets.index(target)
-        shift = [number % 3 - 1, number // 3 % 3 - 1]
-        return np.asarray(at(self.drop_step * shift[0], self.drop_step * shift[1], 0.0) @ self.T_world_drop)
-
-    def back(self, T_world_tip: FloatArray, distance: float) -> FloatArray:
-        """The tip drawn back against the direction of approach [m]."""
-        T = np.array(T_world_tip)
-        T[:3, 3] -= distance * (T[:3, :3] @ self.gripper.T_tip_grasp[:3, 2])
-        return T
-
-
 PLANNERS = ("rrt", "direct")
 """By name, the ways to get from pose to pose that a run can be told to take."""
 
@@ -212,7 +68,7 @@ def chosen_planner(name: str | None = None) -> str:
     return name
 
 
-class _FailedError(Exception):
+class StageFailedError(Exception):
     """A stage failed; `lost` says that a grasp was lost and trying again may help."""
 
     def __init__(self, reason: str, *, lost: bool = False) -> None:
@@ -220,7 +76,7 @@ class _FailedError(Exception):
         self.lost = lost
 
 
-class _CancelledError(_FailedError):
+class _CancelledError(StageFailedError):
     """`PickAndPlace.cancel` was called."""
 
 
@@ -320,6 +176,10 @@ class PickAndPlace:
             To keep between solids [m].
         reaching : bool
             Whether the target, which the hand is then about to touch, is left out.
+
+        Returns
+        -------
+        CollisionModel
         """
         robot, task = self.robot, self.task
         out = {self._held.name if self._held is not None else None, self._target if reaching else None}
@@ -391,7 +251,7 @@ class PickAndPlace:
                 except _CancelledError:
                     self._halt()
                     return
-                except _FailedError as cause:
+                except StageFailedError as cause:
                     raise PieperError(str(cause)) from cause
             yield self.cycle(number)
 
@@ -406,9 +266,9 @@ class PickAndPlace:
         inside = self.robot.overlaps(_INSIDE)
         if inside:
             one, other, depth = inside[0]
-            raise _FailedError(f"{one} begins {1e3 * depth:.0f} mm inside {other}: they need places of their own")
+            raise StageFailedError(f"{one} begins {1e3 * depth:.0f} mm inside {other}: they need places of their own")
         self._wait(
-            lambda: max(map(self.robot.speed, self.task.targets)) < _STILL,
+            lambda: max(map(self.robot.speed, self.task.targets)) < STILL,
             "the things in their slots do not come to rest",
             guard=False,
         )
@@ -425,17 +285,17 @@ class PickAndPlace:
                 placed = True
             except _CancelledError:
                 break
-            except _FailedError as failed:
+            except StageFailedError as failed:
                 reason = str(failed)
                 if not self._recover(again=failed.lost and attempt < self.task.attempts) or not failed.lost:
                     break
         if self.cancelled:
             self._halt()
             return Cycle(number, self._target, placed, attempt, "" if placed else "cancelled", self.robot.time - start)
-        with suppress(_FailedError), self._stage("next target"):
+        with suppress(StageFailedError), self._stage("next target"):
             left = len(self.task.targets) - 1 - (number - 1) % len(self.task.targets)
             if not placed:
-                raise _FailedError(f"{self._target} is left: {reason}; {left} to go")
+                raise StageFailedError(f"{self._target} is left: {reason}; {left} to go")
         return Cycle(number, self._target, placed, attempt, "" if placed else reason, self.robot.time - start)
 
     def _halt(self) -> None:
@@ -465,7 +325,7 @@ class PickAndPlace:
                 "the fingers do not come to rest",
             )
             if self.gripper.state is GripperState.EMPTY:
-                raise _FailedError("the fingers closed on nothing", lost=True)
+                raise StageFailedError("the fingers closed on nothing", lost=True)
             self._held = _Held(self._target, np.linalg.inv(robot.tip()) @ robot.pose(self._target))
         with self._stage(STAGES[5]):
             T_up = self._lifted(T_grasp)
@@ -501,7 +361,7 @@ class PickAndPlace:
         except PieperError as cause:
             if self.cancelled:
                 raise _CancelledError("cancelled") from cause
-            raise _FailedError(reasons[0] if reasons else str(cause)) from cause
+            raise StageFailedError(reasons[0] if reasons else str(cause)) from cause
         return [first, *onwards[first.q[-1].tobytes()]]
 
     def _place(self) -> None:
@@ -515,7 +375,7 @@ class PickAndPlace:
             self._wait(self._lies_in_bin(), f"{self._target} does not come to rest in the bin")
             p = robot.pose(self._target)[:3, 3]
             if not ((p >= task.bin_region[0]) & (p <= task.bin_region[1])).all():
-                raise _FailedError(f"{self._target} lies at ({p[0]:.2f}, {p[1]:.2f}, {p[2]:.2f}) m, not in the bin")
+                raise StageFailedError(f"{self._target} lies at ({p[0]:.2f}, {p[1]:.2f}, {p[2]:.2f}) m, not in the bin")
 
     def _lies_in_bin(self) -> Callable[[], bool]:
         """Whether the target is below the rim of the bin and has stayed in its place for a while, as a question."""
@@ -545,7 +405,7 @@ class PickAndPlace:
                     if self.cancelled:
                         raise _CancelledError("cancelled") from cause
                     reason = reason or str(cause)
-        raise _FailedError(reason)
+        raise StageFailedError(reason)
 
     def _recover(self, *, again: bool) -> bool:
         """Draw back with open fingers; False when even that failed."""
@@ -561,7 +421,7 @@ class PickAndPlace:
                     self._follow(self.mover.line(q, self.task.back(self.robot.arm.fk(q), self.task.approach)))
                 if not again:
                     self._follow_home()
-        except _FailedError:
+        except StageFailedError:
             return False
         finally:
             self._tolerated = frozenset()
@@ -579,7 +439,7 @@ class PickAndPlace:
         T_away = self.task.back(self.robot.arm.fk(q), self.task.clearance)
         try:
             self._follow(self.mover.plan(q, T_away))
-        except _FailedError:
+        except StageFailedError:
             raise
         except PieperError:  # nothing to draw back to: from here, then
             pass
@@ -591,22 +451,22 @@ class PickAndPlace:
         """Where the target is, if it can be gripped."""
         T = self.look(self._target)
         if T is None:
-            raise _FailedError(f"{self._target} is not seen", lost=True)
+            raise StageFailedError(f"{self._target} is not seen", lost=True)
         T = np.asarray(T)
         if T.shape != (4, 4) or not np.isfinite(T).all():
-            raise _FailedError(f"the pose of {self._target} must be a finite (4, 4) array, got {T.tolist()}")
+            raise StageFailedError(f"the pose of {self._target} must be a finite (4, 4) array, got {T.tolist()}")
         tilt = float(np.arccos(np.clip(T[2, 2], -1.0, 1.0)))
         if tilt > MOST_TILT:
-            raise _FailedError(
+            raise StageFailedError(
                 f"{self._target} has fallen over: it leans by {np.degrees(tilt):.0f} deg and cannot be gripped"
             )
         wide = self._width()
         if wide > 0.95 * self.task.gripper.stroke:
-            raise _FailedError(
+            raise StageFailedError(
                 f"{self._target} is {wide:.3f} m wide, too wide for fingers that open {self.task.gripper.stroke:.3f} m"
             )
         if wide < 2.0 * self.task.gripper.narrowest:
-            raise _FailedError(
+            raise StageFailedError(
                 f"{self._target} is {wide:.3f} m wide, too thin for fingers that know {self.task.gripper.narrowest:.3f} m from nothing"
             )
         return T
@@ -640,7 +500,7 @@ class PickAndPlace:
             if guard and ticks % _GUARDED_EVERY == 0:
                 self._guard()
             if robot.time > end:
-                raise _FailedError(f"{reason}, after {longest:.0f} s")
+                raise StageFailedError(f"{reason}, after {longest:.0f} s")
 
     def _guard(self) -> None:
         """What must not happen while the arm moves: it touches something, or loses what it holds."""
@@ -648,14 +508,14 @@ class PickAndPlace:
         if touched:
             self.robot.stop()
             one, other = min(touched)
-            raise _FailedError(f"{one} touches {other}")
+            raise StageFailedError(f"{one} touches {other}")
         if self._held is None:
             return
         T = np.linalg.inv(self.robot.tip()) @ self.robot.pose(self._held.name)
         moved = float(np.linalg.norm(T[:3, 3] - self._held.T_tip_object[:3, 3]))
         if self.gripper.state is GripperState.EMPTY or moved > _LOOSE:
             self.robot.stop()
-            raise _FailedError(
+            raise StageFailedError(
                 f"the grasp slipped: {self._held.name} is {1e3 * moved:.0f} mm from its place in the hand", lost=True
             )
 
@@ -666,12 +526,12 @@ class PickAndPlace:
             if self.cancelled:
                 raise _CancelledError("cancelled")
             yield
-        except _FailedError as failed:
+        except StageFailedError as failed:
             self._record(name, False, str(failed), start)
             raise
         except PieperError as cause:
             self._record(name, False, str(cause), start)
-            raise (_CancelledError if self.cancelled else _FailedError)(str(cause)) from cause
+            raise (_CancelledError if self.cancelled else StageFailedError)(str(cause)) from cause
         self._record(name, True, "", start)
 
     def _record(self, name: str, succeeded: bool, reason: str, start: float) -> None:

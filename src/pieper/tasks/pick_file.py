@@ -77,6 +77,10 @@ def read_pick_task(path: str | Path) -> PickTask:
     path : str or Path
         A URDF file that it names is looked for beside it.
 
+    Returns
+    -------
+    PickTask
+
     Raises
     ------
     OSError

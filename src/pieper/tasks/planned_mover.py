@@ -109,7 +109,13 @@ class PlannedMover:
     def plan(
         self, q_start: FloatArray, T_goal: FloatArray, usable: Callable[[FloatArray], bool] | None = None
     ) -> Trajectory:
-        """The way to the nearest usable joint values that are free, straight if that is free too; see `pieper.tasks.mover.Mover.plan`."""
+        """The way from `q_start` (n,) to the nearest usable joint values that are free at the pose `T_goal` (4, 4), straight if that is free too; see `pieper.tasks.mover.Mover.plan`.
+
+        Raises
+        ------
+        MotionError
+            No answer is free, or no way to one; the message says what is in the way.
+        """
         from pieper.motion import planning
 
         model = self.model(self.margin, False)
@@ -139,7 +145,13 @@ class PlannedMover:
         return self._timed(found.q)
 
     def line(self, q_start: FloatArray, T_goal: FloatArray) -> Trajectory:
-        """A straight line of the tip on one branch, its orientation turning evenly; see `pieper.tasks.mover.Mover.line`."""
+        """A straight line of the tip from `q_start` (n,) to `T_goal` (4, 4) on one branch, its orientation turning evenly; see `pieper.tasks.mover.Mover.line`.
+
+        Raises
+        ------
+        MotionError
+            It leaves the limits or is not free; the message says after how many metres.
+        """
         chain, T_start = self.arm.chain, self.arm.fk(q_start)
         axis, target = self._direct.axis_tip, "pose"
         if axis is not None:

@@ -22,10 +22,11 @@ from pieper.arm import load
 from pieper.errors import ArrayError, VisionError, unknown_name
 from pieper.model.description import Box, Cylinder
 from pieper.perception.board import Board
-from pieper.perception.calibration import BoardView
+from pieper.perception.board_views import BoardView
 from pieper.perception.camera import Camera
 from pieper.perception.capture_plan import plan_captures
-from pieper.perception.color_learning import Region, learn
+from pieper.perception.color_learning import learn
+from pieper.perception.color_regions import Region
 from pieper.perception.hand_eye import HandEyeCalibration, calibrate_hand_eye_from_views
 from pieper.perception.masks import color_masks
 from pieper.perception.upright import Upright, cylinder_outline, locate_upright
@@ -36,7 +37,7 @@ from pieper.sim.scene import Scene, SceneCamera, SceneObject, at, open_box, tabl
 from pieper.sim.scene_view import SceneView
 from pieper.spatial import pose, rotation
 from pieper.tasks.mover import DirectMover
-from pieper.tasks.pick import _STILL, PickAndPlace, PickTask, _FailedError
+from pieper.tasks.pick import STILL, PickAndPlace, PickTask, StageFailedError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -273,6 +274,18 @@ def learn_cans(task: SeeTask, *, seed: int = 0, pictures: int = 6) -> ColorModel
     """Learn the colours of the cans from boxes on a few pictures, each in another light, as ``pieper learn-colour`` does.
 
     The boxes are those that a person would draw around the cans.
+
+    Parameters
+    ----------
+    task : SeeTask
+    seed : int
+        Of the light and of where the cans stand.
+    pictures : int
+        How many.
+
+    Returns
+    -------
+    ColorModel
     """
     rng = np.random.default_rng((seed, 2))
     robot = MujocoSimulator(task.pick.arm, q=task.pick.q_home, scene=task.pick.scene, gripper=task.pick.gripper)
@@ -294,7 +307,13 @@ def learn_cans(task: SeeTask, *, seed: int = 0, pictures: int = 6) -> ColorModel
 
 
 def random_places(task: SeeTask, rng: np.random.Generator) -> dict[str, FloatArray]:
-    """Where the cans of a round stand: anywhere in the area, apart, turned anyhow; (4, 4) by name."""
+    """Where the cans of a round stand: anywhere in the area, apart, turned anyhow; (4, 4) by name.
+
+    Raises
+    ------
+    ArrayError
+        The area has no room for as many cans so far apart.
+    """
     low, high = task.area
     for _ in range(_TRIES):
         spots = rng.uniform(low, high, (len(task.pick.targets), 2))
@@ -381,7 +400,13 @@ class SeeAndPick(PickAndPlace):
         self._undo.close()
 
     def see(self, name: str) -> FloatArray | None:
-        """Where a can is, (4, 4), from one picture; None when it is not seen. What else is seen in it is kept in mind."""
+        """Where a can is, (4, 4), from one picture; None when it is not seen. What else is seen in it is kept in mind.
+
+        Raises
+        ------
+        ArrayError
+            It is not in a ``with`` statement, which has the camera.
+        """
         if not hasattr(self, "_view"):
             raise ArrayError("SeeAndPick looks through a camera: use it in a with statement")
         image = self._view.image()
@@ -420,7 +445,7 @@ class SeeAndPick(PickAndPlace):
         for name, T in random_places(self.sight, rng).items():
             self.robot.put(name, T)
         self._wait(
-            lambda: max(map(self.robot.speed, self.task.targets)) < _STILL, "the cans do not come to rest", guard=False
+            lambda: max(map(self.robot.speed, self.task.targets)) < STILL, "the cans do not come to rest", guard=False
         )
 
     def _in_slot(self) -> bool:
@@ -437,7 +462,7 @@ class SeeAndPick(PickAndPlace):
             try:
                 with self._stage("out of the view"):
                     self._follow_home()
-            except _FailedError:
+            except StageFailedError:
                 return False
         return done
 

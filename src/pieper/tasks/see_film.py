@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from pieper.perception.color import draw_color
+from pieper.perception.drawn_color import draw_color
 from pieper.perception.upright import draw_upright
 from pieper.sim.offscreen import import_pillow
 from pieper.sim.scene_view import Recording, SceneView, captioned

@@ -14,5 +14,9 @@
 `solve`        what a dragged target means: every solution, and the one taken; `solve_panel` is its tab
 `compare`      two models of an arm, and how they differ; `compare_panel`
 `paths`        motions to play, and the path of an iteration; `paths_panel`
+`plot`         figures as papers print them, saved or shown; each is drawn in a file of its own:
+               `path_figure`, `joints_figure`, `error_figure`, `manipulability_figure`,
+               `compare_figure`, `map_figure`, all as `figure_look` has it
+`notebook`     an arm in a cell of a notebook
 =============  ======================================================================================
 """

@@ -224,6 +224,11 @@ class Comparison:
         """The differences over random joint vectors within the limits of both models, evenly drawn.
 
         A joint without limits is drawn from one whole turn, or from a metre.
+
+        Raises
+        ------
+        ArrayError
+            The count is below 1.
         """
         if count < 1:
             raise ArrayError(f"count must be at least 1, got {count}")
@@ -247,6 +252,11 @@ class Comparison:
             The pose of the first tip in the base frame [m, -].
         q : (n,) array
             Joint values of the first model to be near to [rad or m].
+
+        Returns
+        -------
+        SolvedBoth
+            The joint values of both, and how far they are apart.
         """
         here = as_joints(self.arm.chain, q)
         T = np.asarray(T_base_tip, dtype=np.float64)

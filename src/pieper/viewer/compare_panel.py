@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pieper.errors import PieperError
 from pieper.viewer.arm_view import ArmView, frame_size
 from pieper.viewer.compare import Comparison, Difference
-from pieper.viewer.panel import Panel, Window
+from pieper.viewer.panel import Panel, Window, on_event
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -114,7 +113,6 @@ class ComparePanel(Panel):
         T = np.eye(4)
         if beside:
             T[:3, 3] = self._step_aside()
-        self._T_world_other = T
         self.other_view.place(T)
         self.other_view.opacity = 1.0 if beside else 0.45  # what is upon another has to be seen through
         self._draw(self._view.q)
@@ -150,14 +148,10 @@ class ComparePanel(Panel):
     # --- what people do
 
     def _when(self, act: Callable[[], None]) -> Callable[[Any], None]:
-        def called(_: Any) -> None:
-            with self._view.lock:
-                try:
-                    act()
-                except PieperError as problem:
-                    self.live.content = _lines([str(problem)])
+        def complain(words: str) -> None:
+            self.live.content = _lines([words])
 
-        return called
+        return on_event(self._view, act, complain=complain)
 
     def _go_to_worst(self) -> None:
         if self._worst is not None:

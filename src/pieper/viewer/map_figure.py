@@ -8,7 +8,7 @@ import numpy as np
 
 from pieper.errors import ArrayError
 from pieper.kinematics.fk import fk_frames
-from pieper.viewer.plot import Theme, _dress, _new
+from pieper.viewer.figure_look import Theme, dress, new_figure
 from pieper.viewer.stance import stance
 from pieper.workspace.map import UNITS
 
@@ -66,11 +66,11 @@ def workspace(
     pointing = (quantity, found.record["kind"]) == ("dexterity", "directions")  # of which no arm has nearly all
     scale = (0.0, float(values.max()) if pointing else 1.0) if quantity == "dexterity" else _range(values)
     if flat:
-        colours, figure = _new(theme, 5.2, 4.4, title)
+        colours, figure = new_figure(theme, 5.2, 4.4, title)
         axes: Any = figure.add_subplot()
         image = _slice(axes, colours, found, quantity, flat[0], float(found.grid.axis(flat[0])[0]), scale, links)
     else:
-        colours, figure = _new(theme, 10.8, 3.6, title)
+        colours, figure = new_figure(theme, 10.8, 3.6, title)
         grid = figure.add_gridspec(1, 3, width_ratios=(1.25, 1.0, 1.0))
         y = float(np.clip(0.0, *found.grid.axis("y")[[0, -1]]))
         z = float(_widest(found))
@@ -97,7 +97,7 @@ def placement(tried: Placement, Ts_world_target: FloatArray, *, title: str = "",
         The name of the arm when not given.
     theme : "light" or "dark"
     """
-    colours, figure = _new(theme, 5.2, 4.4, title or tried.arm)
+    colours, figure = new_figure(theme, 5.2, 4.4, title or tried.arm)
     axes: Any = figure.add_subplot()
     x, y = np.unique(tried.bases[:, 0]), np.unique(tried.bases[:, 1])
     most = np.zeros((len(x), len(y)))
@@ -111,7 +111,7 @@ def placement(tried: Placement, Ts_world_target: FloatArray, *, title: str = "",
     axes.plot(*targets.T, ".", color=colours.alarm, ms=5, label="poses of the task")
     best = tried.bases[tried.best]
     axes.plot(*best[:2], "*", color=colours.alarm, mec=colours.paper, ms=14, label="best base")
-    _dress(axes, colours)
+    dress(axes, colours)
     axes.set_aspect("equal")
     axes.set_xlabel("x of the base [m]")
     axes.set_ylabel("y of the base [m]")
@@ -150,7 +150,7 @@ def _slice(
     )
     if links is not None:
         axes.plot(links[:, i], links[:, j], "-o", color=colours.alarm, lw=1.4, ms=2.5)
-    _dress(axes, colours)
+    dress(axes, colours)
     axes.set_aspect("equal")
     axes.set_xlabel(f"{across} [m]")
     axes.set_ylabel(f"{up} [m]")

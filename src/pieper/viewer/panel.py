@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
+
+from pieper.errors import PieperError
 
 if TYPE_CHECKING:
     import threading
+    from collections.abc import Callable
 
     from numpy.typing import ArrayLike
 
@@ -29,7 +32,7 @@ class Window(Protocol):
     size: float
 
     def command(self, q: ArrayLike) -> None:
-        """Send the arm to joint values."""
+        """Send the arm to joint values (n,) [rad or m]."""
         ...
 
     def stop_motion(self) -> None:
@@ -37,7 +40,7 @@ class Window(Protocol):
         ...
 
     def limited(self, q: ArrayLike) -> FloatArray:
-        """The joint values nearest to `q` within the limits."""
+        """The joint values (n,) within the limits that are nearest to `q` (n,) [rad or m]."""
         ...
 
     def say(self, text: str, *, bad: bool = False) -> None:
@@ -84,3 +87,31 @@ class Panel:
 
     def close(self) -> None:
         """The viewer ends."""
+
+
+def on_event(
+    view: Window, act: Callable[[], None], *, complain: Callable[[str], None], quiet: Callable[[], bool] = lambda: False
+) -> Callable[[Any], None]:
+    """A callback for a control of viser: under the lock, not while the panel itself writes to its controls, and errors told in words.
+
+    Parameters
+    ----------
+    view : Window
+    act : callable
+        What the control does.
+    complain : callable
+        Given the words of a `PieperError`.
+    quiet : callable
+        Whether the control is being written to by the panel, so that nobody has touched it.
+    """
+
+    def called(_: Any) -> None:
+        with view.lock:
+            if quiet():
+                return
+            try:
+                act()
+            except PieperError as problem:
+                complain(str(problem))
+
+    return called

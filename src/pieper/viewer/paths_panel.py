@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pieper.errors import ArrayError, PieperError
+from pieper.errors import ArrayError
 from pieper.viewer.arm_view import ArmView
-from pieper.viewer.panel import Panel, Window
+from pieper.viewer.panel import Panel, Window, on_event
 from pieper.viewer.paths import Player, Plot, Track
 
 if TYPE_CHECKING:
@@ -175,16 +175,9 @@ class PathsPanel(Panel):
     # --- what people do
 
     def _when(self, act: Callable[[], None]) -> Callable[[Any], None]:
-        def called(_: Any) -> None:
-            with self._view.lock:
-                if self._quiet:
-                    return
-                try:
-                    act()
-                except PieperError as problem:
-                    self._view.say(str(problem), bad=True)
-
-        return called
+        return on_event(
+            self._view, act, complain=lambda words: self._view.say(words, bad=True), quiet=lambda: self._quiet
+        )
 
     def _pressed(self) -> None:
         if self.buttons.value == _PLAY:

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pieper.errors import PieperError
 from pieper.spatial import rotation
 from pieper.viewer.arm_view import GhostsView, frame_size
-from pieper.viewer.panel import Panel, Window
+from pieper.viewer.panel import Panel, Window, on_event
 from pieper.viewer.solve import Kind, Solved, Solving
 
 if TYPE_CHECKING:
@@ -190,18 +189,10 @@ class SolvePanel(Panel):
     # --- what people do
 
     def _when(self, act: Callable[[], None]) -> Callable[[Any], None]:
-        """A callback of viser: under the lock, not for what the panel itself has written, and errors are told in words."""
+        def complain(words: str) -> None:
+            self.message.content = _said(words, red=True)
 
-        def called(_: Any) -> None:
-            with self._view.lock:
-                if self._quiet:
-                    return
-                try:
-                    act()
-                except PieperError as problem:
-                    self.message.content = _said(str(problem), red=True)
-
-        return called
+        return on_event(self._view, act, complain=complain, quiet=lambda: self._quiet)
 
     def _on_drag(self, event: Any) -> None:
         """The handle moves. An event that comes late finds the latest pose solved already."""

@@ -280,7 +280,7 @@ class AtOnce:
         return RobotState(time.monotonic() - self._since, self._q, np.zeros(self._arm.dof))
 
     def command(self, q: ArrayLike | Mapping[str, float]) -> None:
-        """Be there."""
+        """Be at joint values (n,) [rad or m] at once."""
         chain = self._arm.chain
         values = dict(zip(self.joint_names, self._q.tolist(), strict=True)) | dict(q) if isinstance(q, Mapping) else q
         self._q = chain.named(values) if isinstance(values, dict) else np.array(as_joints(chain, values))

@@ -99,7 +99,7 @@ class WorkspaceMap:
         return int(self.record["samples"])
 
     def array(self, name: str, region: Region | None = None) -> NDArray[Any]:
-        """One quantity over the voxels, or over some of them.
+        """One quantity over the voxels, (nx, ny, nz), or over some of them.
 
         ``dexterity`` is the share of the poses of a voxel that are reached; ``mean_solutions`` the solutions of those that
         are, NaN where none is. For the others see `pieper.workspace.measure.QUANTITIES`.
@@ -119,7 +119,7 @@ class WorkspaceMap:
         return np.asarray(self.arrays[name][where])
 
     def layer(self, name: str, axis: str, value: float) -> NDArray[Any]:
-        """One layer of voxels across an axis, the one that holds a coordinate [m]: 2-D, in the order of the other two axes."""
+        """One layer of voxels across an axis, the one that holds a coordinate [m]: (n1, n2), in the order of the other two axes."""
         i, k = axis_number(axis), self.grid.layer(axis, value)
         where = [slice(0, n) for n in self.grid.shape]
         where[i] = slice(k, k + 1)
@@ -146,6 +146,13 @@ class WorkspaceMap:
             Only where the quantity is at least this.
         most : int, optional
             Of a grid with more voxels only every second, third ... along each axis is taken.
+
+        Returns
+        -------
+        (k, 3) array
+            Centres [m].
+        (k,) array
+            The quantity there.
         """
         step = 1 if most is None else int(np.ceil((self.grid.voxels / most) ** (1.0 / 3.0)))
         where, values = [], []

@@ -27,6 +27,10 @@ def spread_rotations(count: int, *, seed: int = 0) -> FloatArray:
     seed : int
         0 for the spiral as it is; another number turns all of it at random, to see what depends on the choice.
 
+    Returns
+    -------
+    (count, 3, 3) array
+
     References
     ----------
     Alexa, Super-Fibonacci spirals: fast, low-discrepancy sampling of SO(3), CVPR 2022, algorithm 1.
@@ -64,6 +68,20 @@ def spread_directions(count: int, *, seed: int = 0) -> FloatArray:
 def spread_turns(count: int, axis: FloatArray, *, seed: int = 0) -> FloatArray:
     """Rotations (count, 3, 3) about one unit axis, at even angles.
 
+    Parameters
+    ----------
+    count : int
+    axis : (3,) array
+        Of unit length.
+    seed : int
+        0 for turns that begin at none; another number turns all of them at random.
+
+    Returns
+    -------
+    (count, 3, 3) array
+
+    Examples
+    --------
     >>> spread_turns(4, np.array([0.0, 0.0, 1.0]))[1].round(6) + 0.0
     array([[ 0., -1.,  0.],
            [ 1.,  0.,  0.],

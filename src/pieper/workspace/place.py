@@ -123,6 +123,11 @@ def place(
     progress : callable, optional
         Told how many base poses are done, of how many.
 
+    Returns
+    -------
+    Placement
+        How many targets each base pose reaches, how well, and which is best.
+
     Raises
     ------
     ArrayError
@@ -306,7 +311,13 @@ def _number(path: Path, line: int, name: str, cell: str) -> float:
 
 
 def write_scores(placements: Sequence[Placement], file: str | os.PathLike[str]) -> Path:
-    """Every base pose with its scores as CSV, the best of each arm first; the file is there whole, or not at all."""
+    """Every base pose with its scores as CSV, the best of each arm first; the file is there whole, or not at all.
+
+    Raises
+    ------
+    ArrayError
+        The file does not end in ``.csv``.
+    """
     path = Path(file)
     if path.suffix.lower() != ".csv":
         raise ArrayError(f"scores are written to a file that ends in .csv, got {str(file)!r}")

@@ -181,7 +181,13 @@ class Cluster:
         return 2 * self._cores + 2
 
     def agree(self, survey: Survey) -> Survey:
-        """With vector instructions that all processors have; every worker needs this version of pieper."""
+        """With vector instructions that all processors have; every worker needs this version of pieper.
+
+        Raises
+        ------
+        MapError
+            A worker has another version, cannot be asked, or no instruction set is common to all.
+        """
         self._client.wait_for_workers(1, timeout=60)
         self._cores = sum(self._client.nthreads().values())
         there = self._client.run(_who, on_error="return")
@@ -233,6 +239,11 @@ def run(
     stop : callable, optional
         Asked a few times a second; once it says True no chunk is begun, those under way are finished, and what there is
         comes back with `WorkspaceMap.missing`.
+
+    Returns
+    -------
+    WorkspaceMap
+        What there is now; ``missing`` holds the numbers of the chunks that are not.
 
     Raises
     ------

@@ -216,6 +216,11 @@ def survey(
     chunk : int
         Voxels along each side of a chunk, which is the least that is computed, stored and lost.
 
+    Returns
+    -------
+    Survey
+        To be run by `pieper.workspace.run.run`.
+
     Raises
     ------
     ArrayError

@@ -192,7 +192,7 @@ def test_A15_a_stable_and_reliable_estimate_of_the_position_of_the_robot(fake):
     pytest.importorskip("cv2", reason="the tracker in a video needs OpenCV")
     from pieper.perception.pattern import Patterns
     from pieper.perception.pipeline import MarkerTracker
-    from pieper.perception.scene import preset
+    from pieper.perception.scene_presets import preset
     from pieper.perception.synthetic import Renderer
     from tests.perception.paints import table_of
 

@@ -7,7 +7,7 @@ those that come late: latched, and sent again from time to time for subscribers 
 from __future__ import annotations
 
 import warnings
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,7 @@ from pieper.ros.qos import DEFAULT, LATCHED
 
 if TYPE_CHECKING:
     import os
+    from collections.abc import Iterator
 
     from pieper.ros.bus import Bus
 
@@ -77,11 +78,8 @@ class Description:
             for qos in (LATCHED, DEFAULT):
                 bus.subscribe("robot_description", STRING, self._on_description, qos=qos)
         else:
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("always", PieperWarning)
+            with _doubts_to(bus, "warn"):
                 self.text = urdf_text(robot)
-            for warning in caught:
-                bus.log("warn", str(warning.message))
             bus.publisher("robot_description", STRING, qos=LATCHED).send(data=self.text)
             self._send()
         bus.timer(0.1, self._look)
@@ -90,7 +88,8 @@ class Description:
         if message.data == self.text:
             return
         try:
-            arm = arm_from_text(message.data, source="robot_description")
+            with _doubts_to(self._bus, "debug"):
+                arm = arm_from_text(message.data, source="robot_description")
         except PieperError as error:
             self._complaints.say("error", f"description refused: {error}")
             return
@@ -172,12 +171,8 @@ def arm_from_topic(
         raise RosError(
             f"no robot description on {name} within {timeout:g} s; start the node that publishes it, or name a robot or a file"
         )
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", PieperWarning)
-        arm = arm_from_text(heard[0].data, source=name, base=base, tip=tip)
-    for warning in caught:
-        bus.log("debug", str(warning.message))
-    return arm
+    with _doubts_to(bus, "debug"):
+        return arm_from_text(heard[0].data, source=name, base=base, tip=tip)
 
 
 def arm_from_text(text: str, *, source: str, base: str | None = None, tip: str | None = None) -> Arm:
@@ -217,6 +212,16 @@ def find_arm(bus: Bus, what: str, *, timeout: float = 5.0, base: str | None = No
     if what.startswith(FROM_TOPIC):
         return arm_from_topic(bus, timeout, topic=what.removeprefix(FROM_TOPIC), base=base, tip=tip)
     return load(what, base=base, tip=tip)
+
+
+@contextmanager
+def _doubts_to(bus: Bus, level: str) -> Iterator[None]:
+    """What a description leaves open or lacks goes to the log of the node, and is no warning of Python."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", PieperWarning)
+        yield
+    for warning in caught:
+        bus.log(level, str(warning.message))
 
 
 def _is_xml(text: str) -> bool:
