@@ -21,27 +21,11 @@ if TYPE_CHECKING:
 
 def solver(chain: Chain) -> Solver:
     """The solver of a chain, made once (a few milliseconds) and kept with the chain, as long as that lives.
-    <<<<<<< HEAD
 
-        Raises
-        ------
-        ArrayError
-            It is no chain.
-    """
-    if not isinstance(chain, Chain):
-        raise ArrayError(f"chain must be a Chain, as `arm.chain` is one, got {type(chain).__name__}")
-    return prepared(chain, "solver", None, lambda: Solver(chain))
-
-
-def check_options(options: Mapping[str, Any]) -> None:
-    """Refuses options that `solve` has not, with those that it has.
-    =======
-    >>>>>>> integrate9
-
-        Raises
-        ------
-        ArrayError
-            What is given is no Chain.
+    Raises
+    ------
+    ArrayError
+        What is given is no Chain.
     """
     if not isinstance(chain, Chain):
         raise ArrayError(f"chain must be a Chain, as `arm.chain` is one, got {type(chain).__name__}")

@@ -103,27 +103,22 @@ class SceneView:
     def image(self, positions: FloatArray | None = None, *, ghosts: Sequence[Ghost] = ()) -> Image:
         """(height, width, 3) of what is there now, or of recorded `positions` of MuJoCo.
 
-                Parameters
-                ----------
-                positions : array, optional
-                    See `MujocoSimulator.positions` and `Recording.moments`.
-                ghosts : sequence of Ghost
-                    The arm with its gripper at other joint values, to look through.
+        Parameters
+        ----------
+        positions : array, optional
+            See `MujocoSimulator.positions` and `Recording.moments`.
+        ghosts : sequence of Ghost
+            The arm with its gripper at other joint values, to look through.
 
-                Returns
-                -------
-        <<<<<<< HEAD
-                (height, width, 3) uint8 array
-                    Red, green, blue.
-        =======
-                (height, width, 3) array
-                    Red, green and blue from 0 to 255.
-        >>>>>>> integrate9
+        Returns
+        -------
+        (height, width, 3) array
+            Red, green and blue from 0 to 255.
 
-                Raises
-                ------
-                ArrayError
-                    Joint values that do not fit the arm, an opacity that is not from 0 to 1, or a colour that is none.
+        Raises
+        ------
+        ArrayError
+            Joint values that do not fit the arm, an opacity that is not from 0 to 1, or a colour that is none.
         """
         drawn = self._drawn(positions)
         layers = [(_opacity(ghost), self._alone(ghost)) for ghost in ghosts]
