@@ -22,7 +22,7 @@ def _words_of(module: str, name: str) -> Callable[[], list[str]]:
     return words
 
 
-scenes = _words_of("pieper.perception.scene", "PRESETS")
+scenes = _words_of("pieper.perception.scene_presets", "PRESETS")
 patterns = _words_of("pieper.perception.pattern", "BUILT_IN")
 spaces = _words_of("pieper.perception.color_space", "SPACES")
 quantities = _words_of("pieper.workspace.map", "UNITS")
