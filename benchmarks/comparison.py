@@ -176,7 +176,7 @@ def lines(data: dict) -> list[str]:
     return [
         (
             "Each row was measured in one run, on one thread; bold is the best and what is within a tenth of it. A gap: it does not do that, or was "
-            "not measured there. [The page of benchmarks](docs/benchmarks.md) has the rules, the robots and all the rest."
+            "not measured there. Calls and batches are of a UR5e; py-opw cannot describe one and gets a KR210. [The page of benchmarks](docs/benchmarks.md) has the rules, the robots and all the rest."
         ),
         "",
         *measured([*calls(data), *iteration(data)]),

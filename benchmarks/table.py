@@ -554,21 +554,26 @@ def public_urdfs(data: dict) -> list[str]:
 
 
 def features(data: dict) -> list[str]:
-    heads = [name for name in comparison.COLUMNS if name != "pieper"]
+    others = [name for name in comparison.COLUMNS if name != "pieper"]
     rows = [
-        [row["feature"], *(f"`{row['by'][name]}`" if name in row["by"] else "" for name in ("pieper", *heads))]
+        [
+            row["feature"],
+            f"`{row['by']['pieper']}`" if "pieper" in row["by"] else "**no**",
+            ", ".join(f"{name} (`{row['by'][name]}`)" for name in others if name in row["by"]),
+        ]
         for row in data["rows"]
     ]
-    count = [str(data["robots"].get(name, "")) for name in ("pieper", *heads)]
+    robots = data["robots"]
+    count = ", ".join(f"{name} {robots[name]}" for name in others if name in robots)
     return [
         "## What each package has",
         "",
         (
-            "Each cell is the name that was imported as proof, or the file that was found; a gap: the package defines no name like it. `features.py` prints names that "
+            "In brackets the name that was imported as proof, or the file that was found; who is not listed defines no name like it. `features.py` prints names that "
             "hint at more than is credited, and says what they are instead."
         ),
         "",
-        *table(["", "pieper", *heads], [*rows, ["robots that come along", *count]], left=11),
+        *table(["", "pieper", "others"], [*rows, ["robots that come along", str(robots["pieper"]), count]], left=3),
         "",
         origin(data),
     ]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from docutils import nodes
 from sphinx import addnodes
+from sphinx.util.inspect import TypeAliasForwardRef
 
 import pieper
 
@@ -46,9 +47,9 @@ suppress_warnings = ["ref.python"]
 autosummary_generate = True
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"
-autodoc_typehints_description_target = "documented"
+autodoc_typehints_description_target = "all"
+autodoc_type_aliases = {name: name for name in ("ArrayLike", "FloatArray", "Image")}
 napoleon_google_docstring = False
-napoleon_use_rtype = False
 napoleon_use_ivar = True
 
 DOTTED = re.compile(r"pieper(?:\.[A-Za-z_]\w*)+")
@@ -64,6 +65,14 @@ def link_names(_: Sphinx, page: nodes.document) -> None:
             link += code
 
 
+def keep_whole(_: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
+    """Keep Napoleon from taking what stands before the colon in "Lower and upper limits: ..." for the type of a property."""
+    if what in ("attribute", "data", "property"):
+        lines[:0] = ["..", ""]  # a comment without words
+
+
 def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
+    TypeAliasForwardRef.__repr__ = lambda self: self.name  # `FloatArray | None`, and not the name of this class
+    app.connect("autodoc-process-docstring", keep_whole, priority=400)  # before Napoleon
     app.connect("doctree-read", link_names)

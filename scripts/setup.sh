@@ -226,14 +226,28 @@ native_tests() {
   ctest --test-dir build/native-tests/native --output-on-failure
 }
 
-# The same tests on the portable path, as a compiler without vector types has it; with Clang where there is one, to hear a second compiler.
+# The same tests on the portable path, as a compiler without vector types has it, to the letter of the standard; with Clang where there is one, to hear a
+# second compiler.
 portable_tests() {
   ensure_compiler
   local compiler=$CXX
   ! compiles_cxx20 clang++ || compiler=clang++
-  step "configuring the portable tests ($compiler)" env CXX="$compiler" cmake -S . -B "build/portable-tests-$compiler" -G Ninja -DCMAKE_BUILD_TYPE=Release -DPIEPER_PORTABLE=ON
+  step "configuring the portable tests ($compiler)" env CXX="$compiler" cmake -S . -B "build/portable-tests-$compiler" -G Ninja -DCMAKE_BUILD_TYPE=Release -DPIEPER_PORTABLE=ON -DCMAKE_CXX_FLAGS=-pedantic-errors
   step "compiling the portable tests" cmake --build "build/portable-tests-$compiler"
   ctest --test-dir "build/portable-tests-$compiler/native" --output-on-failure
+}
+
+# The same tests for another processor or another system, compiled here and emulated: foreign_tests SYSTEM PROCESSOR COMPILER EMULATOR.
+foreign_tests() {
+  local system=$1 processor=$2 compiler=$3 emulator=$4 folder=build/foreign-tests-$1-$2
+  command -v "$compiler" >/dev/null && command -v "$emulator" >/dev/null || {
+    say "   skipped: $system on $processor needs $compiler and $emulator"
+    return
+  }
+  step "configuring the tests for $system on $processor" cmake -S . -B "$folder" -G Ninja -DCMAKE_BUILD_TYPE=Release -DCMAKE_SYSTEM_NAME="$system" \
+    -DCMAKE_SYSTEM_PROCESSOR="$processor" -DCMAKE_CXX_COMPILER="$compiler" -DCMAKE_EXE_LINKER_FLAGS=-static -DCMAKE_CROSSCOMPILING_EMULATOR="$emulator"
+  step "compiling the tests for $system on $processor" cmake --build "$folder"
+  ctest --test-dir "$folder/native" --output-on-failure
 }
 
 # The same tests under the address and undefined behaviour sanitisers.

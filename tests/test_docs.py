@@ -59,13 +59,21 @@ def commands(page: Path) -> list[tuple[str, str]]:
 def typed(page: Path) -> list[str]:
     """Each call of pieper in the blocks for a shell, with lines that go on joined."""
     lines = "".join(SHELL.findall(page.read_text(encoding="utf-8"))).replace("\\\n", " ").splitlines()
-    return [line for line in lines if re.match(r"(?:\S+/)?pieper ", line)]
+    return [
+        line for line in lines if re.match(r"(?:\S+/)?pieper ", line) and "-completion" not in line
+    ]  # changes a home
 
 
 def mentioned(page: Path) -> list[str]:
     """Each call of pieper between backticks in the text that is written out: without VERB or FILE in it."""
+    whole = [span for span in spans(page) if span.startswith("pieper ") and not PLACEHOLDER.search(span)]
+    return [span for span in whole if ", " not in span and "-completion" not in span]
+
+
+def spans(page: Path) -> list[str]:
+    """What stands between backticks outside of blocks and headings."""
     text = FENCED.sub("", page.read_text(encoding="utf-8"))
-    return [span for span in SPAN.findall(text) if span.startswith("pieper ") and not PLACEHOLDER.search(span)]
+    return SPAN.findall(re.sub(r"^#.*$", "", text, flags=re.MULTILINE))
 
 
 def call(line: str) -> tuple[int, str]:
@@ -112,7 +120,7 @@ def test_commands_print_what_is_said(page: Path, tmp_path: Path, monkeypatch: py
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
     for line, expected in commands(page):
-        assert line.startswith("pieper "), f"{line}: only pieper can be run here; put other commands in a bash block"
+        assert line.split()[0] == "pieper", f"{line}: only pieper can be run here; put other commands in a bash block"
         code, printed = call(line)
         got = printed + (f"(exit code {code})\n" if code else "")
         assert doctest.OutputChecker().check_output(expected, got, SHOWN), f"$ {line}\n{got}"
@@ -126,7 +134,7 @@ def test_commands_are_ones_that_the_command_line_takes(page: Path, monkeypatch: 
         assert code == 0, f"{line}\n{said}"
     for line in mentioned(page):  # `pieper track` in a sentence goes without its video
         code, said = call(line)
-        assert code == 0 or "Missing " in said, f"{line}\n{said}"
+        assert code == 0 or re.search("Missing |requires an argument", said), f"{line}\n{said}"
 
 
 def test_a_command_with_an_option_that_is_not_there_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -149,10 +157,9 @@ def test_quick_commands_run(page: Path, tmp_path: Path, monkeypatch: pytest.Monk
         assert code == 0, f"{line}\n{said}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name)
+@pytest.mark.parametrize("page", [p for p in PAGES if p.name != "json_output.md"], ids=name)  # its names are fields
 def test_names_between_backticks_are_there(page: Path) -> None:
-    text = FENCED.sub("", page.read_text(encoding="utf-8"))
-    for span in SPAN.findall(text):
+    for span in spans(page):
         if found := DOTTED.match(span):
             pkgutil.resolve_name(found[0])  # ModuleNotFoundError or AttributeError says which is gone
 
@@ -160,7 +167,7 @@ def test_names_between_backticks_are_there(page: Path) -> None:
 def test_guides_are_listed_by_task_and_lead_to_the_tutorials() -> None:
     folder = ROOT / "docs" / "guides"
     text = {page.name: page.read_text(encoding="utf-8") for page in folder.glob("*.md")}
-    for page in text.keys() - {"index.md", "coming_from.md"}:
+    for page in text.keys() - {"index.md"}:
         assert f"]({page})" in text["index.md"], f"docs/guides/index.md does not list {page}"
     for tutorial in {*(ROOT / "docs" / "tutorials").glob("*.md")} - {ROOT / "docs" / "tutorials" / "index.md"}:
         assert any(f"../tutorials/{tutorial.name}" in page for page in text.values()), (

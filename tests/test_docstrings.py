@@ -132,6 +132,10 @@ def gaps(function: Function) -> list[str]:
     gives = function.summary + sections.get("Returns", "") + sections.get("Yields", "")
     if ARRAY.search(function.result) and not SHAPE.search(gives):
         found.append("does not say what shape it returns")
+    if misplaced := [
+        title for title, text in sections.items() if title != "Examples" and re.search("^>>>", text, re.M)
+    ]:
+        found.append(f"has an example under {misplaced[0]}")
     if silent := sorted(name for name in function.raised if name not in function.doc):
         found.append(f"raises {', '.join(silent)} without saying so")
     return found
@@ -189,6 +193,10 @@ def test_a_silent_docstring_is_found():
     ]
     [telling] = walk(ast.parse(TELLING).body, "x", in_class=False)
     assert gaps(telling) == []
+    [shown] = walk(
+        ast.parse(TELLING.replace("Another shape.\n", "Another shape.\n\n    >>> 1\n    1\n")).body, "x", in_class=False
+    )
+    assert gaps(shown) == ["has an example under Raises"]
     half = TELLING.replace("    speed : float\n        [rad/s]\n", "").replace("(..., 4, 4) array", "array")
     [half] = walk(ast.parse(half.replace("ArrayError\n        Another shape.", "")).body, "x", in_class=False)
     assert gaps(half) == [

@@ -172,7 +172,7 @@ COMMANDS = {
     "convert mh12 --to latex": "symbolic",
     "render mh12 arm.png": "sim",
     "view mh12 --no-browser": "viewer",
-    "plot joints mh12 --trajectory motion.csv --save joints.png": "plot",
+    "plot joints mh12 --trajectory motion.csv --out joints.png": "plot",
     "pick": "sim",
     "workspace mh12 --voxel 0.5 --orientations 1 --out map.zarr": "maps",
     "workspace mh12 --voxel 0.5 --orientations 1 --figure map.png": "plot",

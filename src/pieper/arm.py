@@ -217,10 +217,9 @@ class Arm:
         try:
             return self._solver.solve(T_base_tip, seed, **options)
         except TypeError:
-            from pieper.ik.solve import check_options
+            from pieper.ik.solve import solve
 
-            check_options(options)
-            raise
+            return solve(self.chain, T_base_tip, seed=seed, **options)  # says which option there is not
 
     def self_motion(self, T_base_tip: ArrayLike, **options: Any) -> list[SolutionCurve]:
         """The curves along which an arm with seven joints can move while its tip stays at `T_base_tip`, (4, 4).

@@ -137,5 +137,5 @@ def unknown_name(kind: str, name: str, known: Iterable[str], where: str = "") ->
     message += ";"
     if near:
         message += " did you mean " + " or ".join(repr(n) for n in near) + "?"
-    message += f" {kind}s are: " + ", ".join(names)
+    message += f" {kind.removesuffix('y') + 'ies' if kind.endswith('ity') else kind + 's'} are: " + ", ".join(names)
     return UnknownNameError(message)

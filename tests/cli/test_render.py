@@ -166,7 +166,7 @@ def test_dh_frames_of_any_arm(pieper_command, drawn):
     [
         (("ur5e", "arm.jpg"), "FILE must end in .png, .mp4 or .gif, got 'arm.jpg'"),
         (("ur5e", "arm.mp4"), "arm.mp4 is a film, which needs --target or --trajectory; a picture ends in .png"),
-        (("ur5e", "arm.png", "--size", "big"), "--size must be width x height in pixels, such as 960x720, got 'big'"),
+        (("ur5e", "arm.png", "--size", "big"), "--size must be width x height in pixels, such as 640x480, got 'big'"),
         (("ur5e", "arm.png", "--size", "9x9"), "size must be two whole numbers of pixels from 16 to 4096"),
         (("ur5e", "arm.png", "--seen-from", "up"), "no view 'up'; views are: corner,"),
         (("ur5e", "arm.png", "--seen-from", "0,95"), "the latter from -90 to 90, got '0,95'"),

@@ -203,3 +203,13 @@ def test_frames_of_a_video_are_those_of_their_number_in_any_order(tmp_path):
     with ColorPage(path) as page:
         for n in (5, 2, 3, 7, 0):
             assert abs(float(page._frames[n].mean()) - (20 + 25 * n)) < 8
+
+
+@pytest.mark.parametrize("target", ["http://[::1", "//[", "?" + "&".join("n=1" for _ in range(99))])
+def test_an_address_that_is_none_is_refused_without_noise(page, target, capsys):
+    with socket.create_connection(("127.0.0.1", page.port), timeout=PATIENCE) as line:
+        line.sendall(f"GET {target} HTTP/1.0\r\nHost: 127.0.0.1:{page.port}\r\n\r\n".encode())
+        answer = b"".join(iter(lambda: line.recv(4096), b""))
+    assert answer.startswith(b"HTTP/1.0 403")
+    assert ask(page, "/state")[0] == 200
+    assert capsys.readouterr().err == ""

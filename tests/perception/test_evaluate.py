@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pieper.errors import VisionError
-from pieper.perception import pass_marks, scene_presets
+from pieper.perception import pass_marks, scene_presets, synthetic_board
 from pieper.perception.estimate import Estimate
 from pieper.perception.evaluate import evaluate, tracked
 from pieper.perception.synthetic import Renderer
@@ -187,9 +187,9 @@ def test_a_board_is_drawn_where_the_camera_sees_it():
 
     board = Board.parse("chessboard:7x5:0.04")
     camera = scene_presets.preset("lens").view.camera
-    eye = pass_marks.BoardCamera(camera, board)
+    eye = synthetic_board.BoardCamera(camera, board)
     until = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-4)
-    for pose in pass_marks._poses(board, 2):
+    for pose in synthetic_board.board_poses(board, 2):
         corners = np.column_stack([board.corners, np.zeros(len(board.corners))])
         pixels = camera.project(corners @ pose[:3, :3].T + pose[:3, 3])
         gray = np.ascontiguousarray(eye.picture(pose, noise=0.0)[..., 0])

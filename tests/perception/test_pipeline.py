@@ -90,7 +90,7 @@ def test_a_colour_that_was_not_learnt_is_named():
         VisionError, match=r"the patterns have the colours blue, cyan.*which were not learnt; the colours are: red"
     ):
         MarkerTracker(table_of(["red"]), patterns=Patterns.of_scene(scene))
-    with pytest.raises(UnknownNameError, match="no color 'rde'"):
+    with pytest.raises(UnknownNameError, match="no colour 'rde'"):
         MarkerTracker(table_of(["red"]), markers={"rde": "all"})
     with pytest.raises(VisionError, match="'all' or 'largest' is followed, got 'most'"):
         MarkerTracker(table_of(["red"]), markers={"red": "most"})

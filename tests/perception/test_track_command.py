@@ -100,7 +100,7 @@ def test_the_largest_of_a_colour(run):
     names = [row.name for row in read_tracks("t.csv").frames[-1].rows]
     assert names.count("Green") <= 2
     _, _, err = run("--largest", "Gren")
-    assert "no color 'Gren'" in err
+    assert "no colour 'Gren'" in err
     assert "did you mean 'Green'?" in err
 
 

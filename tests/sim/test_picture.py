@@ -15,7 +15,7 @@ import pieper
 from pieper.errors import ArrayError, UnknownNameError
 from pieper.model.chain import Frame
 from pieper.motion.joint_move import joint_move
-from pieper.sim import drawing
+from pieper.sim import drawing, framing, labels
 from pieper.sim.picture import Picture
 from pieper.sim.stage import AXIS_COLORS, THEMES, VIEWS, rgb
 from tests.robots import NAMES, chain
@@ -36,7 +36,7 @@ def picture_of(arm, q=None, **shown):
 
 def camera_of(picture):
     scale, center, corners = drawing._extent(picture.stage)
-    return drawing._fitted(corners, center, picture.stage.view, picture.stage.size), scale
+    return framing.fitted_camera(corners, center, picture.stage.view, picture.stage.size), scale
 
 
 def changed(one, other):
@@ -225,7 +225,7 @@ def test_names_do_not_cover_each_other():
     """The three frames in the wrist of the MH12 are in one point: their names are not."""
     taken: list = []
     for _ in range(12):
-        taken.append(drawing._free_place(160.0, 120.0, 60.0, 9.0, taken, SMALL))
+        taken.append(labels._free_place(160.0, 120.0, 60.0, 9.0, taken, SMALL))
     for one, other in product(taken, taken):
         if one is not other:
             assert one[2] < other[0] or other[2] < one[0] or one[3] < other[1] or other[3] < one[1]
@@ -281,7 +281,7 @@ def test_a_picture_becomes_a_png_file(tmp_path):
 
 @pytest.mark.parametrize("width", [1e-3, 0.3, 2.3, 480.0])
 def test_the_grid_is_round_and_fits(width):
-    cell = drawing.grid_width(width)
+    cell = framing.grid_width(width)
     assert 2.0 < width / cell < 13.0
     assert f"{cell:.0e}"[0] in "125"
 

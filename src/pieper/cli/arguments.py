@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pieper.cli import completion, record
-from pieper.errors import UnknownNameError, unknown_name
+from pieper.errors import DescriptionError, UnknownNameError, unknown_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -65,6 +65,8 @@ def load(name: str, *, base: str | None = None, tip: str | None = None, nominal:
     """The arm that the command line names: a robot, a file, or a DH table on record, as in ``kr210:report``."""
     import pieper
 
+    if Path(name).is_dir():
+        raise DescriptionError(name, "file", "is a folder; name the URDF, xacro or JSON file in it")
     if name.lower().endswith(".json"):
         return pieper.load(record.from_file(name), base=base, tip=tip, nominal=nominal)
     table = _table_on_record(name)

@@ -9,6 +9,7 @@ import typer
 
 from pieper.cli import completion
 from pieper.cli.node import Backend, Domain, Network, joined, ros_arguments
+from pieper.errors import RosError, unknown_name
 
 _SPEAKING_TIME = 0.5  # seconds before the first message of a replay, in which subscribers find it
 
@@ -48,6 +49,8 @@ def record(
     from pieper.ros import bags
     from pieper.ros.topics import Topic
 
+    if storage not in bags.STORAGES:
+        raise unknown_name("storage", storage, bags.STORAGES)
     topics = [Topic.parse(name) for name in names]
     path = out or Path(datetime.now().astimezone().strftime("bag_%Y_%m_%d-%H_%M_%S"))
     with joined(
@@ -85,6 +88,8 @@ def replay(
     """
     from pieper.ros import bags
 
+    if not path.exists():
+        raise RosError(f"there is no bag at {path}")
     with joined(
         "pieper_replay", arguments=ros_arguments(context), backend=backend, network=network, domain=domain
     ) as bus:

@@ -11,7 +11,7 @@ import typer
 from pieper.cli.arguments import ArmName, Base, Degrees, Json, Nominal, Tip, about, load, turning
 from pieper.cli.outputs import keep_apart
 from pieper.cli.record import screw_record
-from pieper.cli.show import console, plain, print_json, print_table
+from pieper.cli.show import console, number, plain, print_columns, print_json, print_table
 from pieper.errors import ArrayError, PieperError
 
 if TYPE_CHECKING:
@@ -154,10 +154,7 @@ def _print(
     page.print(f"{robot.name}  {found.chain.base} -> {robot.tip}\n", style="bold", markup=False)
 
     def told(value: float, unit: str) -> str:
-        if not np.isfinite(value):
-            return "-"
-        shown = 1e3 * value if unit == "m" else np.degrees(value)
-        return f"{shown:.4f}"
+        return number(1e3 * value if unit == "m" else float(np.degrees(value)), 4)
 
     rows = [
         [p.of, p.motion, told(change, p.unit), told(sigma, p.unit), "mm" if p.unit == "m" else "deg"]
@@ -191,8 +188,8 @@ def _print(
     if len(more):
         shown = np.where(turning(robot), np.degrees(more), more)
         page.print()
-        names = [f">{name}" for name in robot.joint_names]
-        print_table(page, names, [[f"{v:.1f}" for v in row] for row in shown], title="measure next, deg or m")
+        columns = [[str(k), *(number(value, 1) for value in row)] for k, row in enumerate(shown.tolist(), start=1)]
+        print_columns(page, "pose", list(robot.joint_names), columns, title="measure next, deg or m")
 
 
 def _rows(lines: Sequence[int]) -> str:

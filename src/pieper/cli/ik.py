@@ -24,13 +24,11 @@ from pieper.cli.arguments import (
     load,
     turning,
 )
-from pieper.cli.show import console, number, print_json, print_table
+from pieper.cli.show import console, number, print_columns, print_json
 from pieper.cli.target import start_values, wanted
 from pieper.errors import ArrayError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from pieper.arm import Arm
     from pieper.ik.solutions import IKSolutions
 
@@ -99,9 +97,7 @@ def ik(
     out.print(f"{robot.name}  {robot.base} -> {robot.tip}", style="bold", markup=False)
     out.print(f"target  {x:.6g} {y:.6g} {z:.6g} m, {goal.words(degrees=degrees)}\n", markup=False)
     if records:
-        for headings, rows in _blocks(robot, records, out.width, degrees=degrees):
-            print_table(out, headings, rows)
-            out.print()
+        print_columns(out, "answer", *_columns(robot, records, degrees=degrees))
         out.print(f"joints that turn in {'degrees' if degrees else 'radians'}; others in metres", markup=False)
         out.print(_how_many(answers, len(records)), markup=False)
     if not reached:
@@ -113,7 +109,7 @@ def ik(
 
 def _redundancy(text: str, *, degrees: bool) -> float | dict[str, float]:
     """A value, or a name and its value, of what seven joints leave free."""
-    from math import radians
+    from math import isfinite, radians
 
     name, _, number_text = text.rpartition("=")
     try:
@@ -122,6 +118,8 @@ def _redundancy(text: str, *, degrees: bool) -> float | dict[str, float]:
         raise ArrayError(
             f"--redundancy must be a number, or a name and a number as in swivel=0.3; got {text!r}"
         ) from None
+    if not isfinite(value):
+        raise ArrayError(f"--redundancy must be a finite number, got {text!r}")
     value = radians(value) if degrees else value
     return {name: value} if name else value
 
@@ -178,10 +176,8 @@ def _records(answers: IKSolutions, *, outside: bool) -> list[dict[str, Any]]:
     ]
 
 
-def _blocks(
-    robot: Arm, records: list[dict[str, Any]], width: int, *, degrees: bool
-) -> Iterator[tuple[list[str], list[list[str]]]]:
-    """The answers side by side, one row for each joint, in as many tables as the width of the screen asks for."""
+def _columns(robot: Arm, records: list[dict[str, Any]], *, degrees: bool) -> tuple[list[str], list[list[str]]]:
+    """What the rows are, a joint each and what else is known; and the answers, a column each."""
     import numpy as np
 
     scale = np.where(turning(robot), np.degrees(1.0), 1.0) if degrees else np.ones(robot.dof)
@@ -207,12 +203,7 @@ def _blocks(
         ]
         for index, record in enumerate(records, start=1)
     ]
-    broadest = max(len(cell) for column in columns for cell in column) + 2
-    across = max(1, (width - max(map(len, labels))) // broadest)
-    for first in range(0, len(columns), across):
-        block = columns[first : first + across]
-        rows = [[label, *(column[k] for column in block)] for k, label in enumerate(labels, start=1)]
-        yield ["answer", *(">" + column[0] for column in block)], rows
+    return labels, columns
 
 
 def _margin(robot: Arm, record: dict[str, Any], *, degrees: bool) -> str:

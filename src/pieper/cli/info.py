@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 from pieper.cli.arguments import ArmName, Base, Json, Nominal, Tip, about, load, turning
@@ -55,12 +56,16 @@ def info(
     out = console()
     out.print(f"{robot.name}  {chain.base} -> {chain.tip}, {chain.dof} joints", style="bold", markup=False)
     out.print(
-        f"reach  {number(far.from_base, 3)} m from the origin of {chain.base}, "
+        f"reach      {number(far.from_base, 3)} m from the origin of {chain.base}, "
         f"{number(far.from_first_axis, 3)} m from the first axis",
         markup=False,
     )
-    out.print(f"structure  {family.reason}", markup=False)
-    out.print(f"inverse kinematics  {robot.ik_info}\n", markup=False)
+    solved = str(robot.ik_info).removeprefix("solved ").replace(f": {family.reason}", "")
+    said = {"structure": family.reason, "solved": solved}
+    for name, words in said.items():
+        for k, line in enumerate(wrap(words, max(20, out.width - 11))):
+            out.print(f"{'' if k else name:9s}  {line}", markup=False)
+    out.print()
     _print_joints(out, robot)
     _print_dh(out, rows)
     _print_screws(out, robot)

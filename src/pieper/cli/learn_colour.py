@@ -89,20 +89,16 @@ def learn_colour(
     """
     from pieper.perception.color_learning import learn
     from pieper.perception.color_regions import read_regions, regions_as_data
-    from pieper.perception.drawn_color import draw_color
+    from pieper.perception.opencv import quiet
     from pieper.perception.source import probe, read_frames
     from pieper.yaml_file import write_yaml
 
+    quiet()
+    if picture is not None and picture.suffix.lower() != ".png":
+        raise VisionError(f"--picture must end in .png, got {str(picture)!r}")
     keep_apart([video], {"--out": out, "--save-rois": save_rois, "--picture": picture})
     keep_apart([rois], {"--out": out, "--picture": picture})  # boxes that were corrected may replace those before
-    names, draw = [], {}
-    for word in color or ():
-        name, equals, how = word.partition("=")
-        if not name.strip() or name in names:
-            raise PieperError(f"--color needs a name that was not there before, got {word!r}")
-        names.append(name)
-        if equals:
-            draw[name] = draw_color(how)
+    names, draw = _named(color or [])
     info = probe(video)
     regions = _typed(roi or [], names, captures)
     if rois is not None:
@@ -136,6 +132,22 @@ def learn_colour(
         typer.echo(f"wrote {picture}", err=True)
     typer.echo(f"wrote {out}", err=True)
     return 0
+
+
+def _named(words: list[str]) -> tuple[list[str], dict[str, tuple[int, int, int]]]:
+    """The colours of the command line in their order, and how they are drawn where that was said."""
+    from pieper.perception.drawn_color import draw_color
+
+    names: list[str] = []
+    draw = {}
+    for word in words:
+        name, equals, how = word.partition("=")
+        if not name.strip() or name in names:
+            raise PieperError(f"--color needs a name that was not there before, got {word!r}")
+        names.append(name)
+        if equals:
+            draw[name] = draw_color(how)
+    return names, draw
 
 
 def _typed(words: list[str], names: list[str], captures: int | None) -> list[Region]:

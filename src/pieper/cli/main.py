@@ -207,8 +207,9 @@ def _what_is_wrong(error: Exception) -> tuple[str, int]:
 def _usage(error: Exception) -> str:
     """What is wrong with the arguments, and where to look."""
     context = getattr(error, "ctx", None)
-    command = context.command_path if context is not None else "pieper"
+    command = "pieper VERB" if context is None or context.parent is None else context.command_path
     text = str(getattr(error, "format_message", lambda: error)()).strip()
+    text = text.replace(": Value error, ", ": ").replace(": Input should be ", ": it must be ")
     return f"{text.rstrip('.')}; see: {command} --help"
 
 

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pieper.arm import Arm
-    from pieper.ik.solutions import IKSolutions
     from pieper.motion.path_ik import JointPath
     from pieper.motion.timing import TcpLimits, Usage
     from pieper.motion.trajectory import Trajectory
@@ -98,16 +97,7 @@ def move(
     from pieper.motion.limits import JointLimits
     from pieper.motion.timing import TcpLimits, time_path, time_waypoints, usage
 
-    if (to is None) == (target is None):
-        raise PieperError("give one of --to Q1,Q2,... and --target X Y Z")
-    if to is not None and not (rpy is None and quaternion is None and axis is None):
-        raise PieperError("--rpy, --quat and --axis belong to --target; joint values have an orientation already")
-    if figure is not None:
-        from pieper.viewer.plot import checked_file
-
-        checked_file(figure)
-    if out is not None and out.suffix.lower() not in files.FORMATS:
-        raise PieperError(f"--out must end in {', '.join(files.FORMATS)}, got {str(out)!r}")
+    _check(to, target, (rpy, quaternion, axis), out, figure)
     robot = load(arm, base=base, tip=tip, nominal=nominal)
     q_start = start_values(robot, start, degrees=degrees)
     limits = {"max_velocity": velocity, "max_acceleration": acceleration, "max_jerk": jerk}
@@ -115,33 +105,19 @@ def move(
         np.inf if tip_velocity is None else tip_velocity, np.inf if tip_acceleration is None else tip_acceleration
     )
     T_goal, q_goal = _goal(robot, q_start, to, target, rpy, quaternion, axis, degrees=degrees)
-    # what of the pose counts: an arm with fewer than six joints can seldom keep what was not asked for
-    asked: list[Kept] = ["pose"]
-    if robot.dof < 6 and target is not None and rpy is None and quaternion is None:
-        asked.append("position" if axis is None else "axis")
+    whole = target is None or rpy is not None or quaternion is not None
+    counts = _what_counts(robot, whole=whole, axis=axis)
     way: JointPath | None = None
     if straight:
-        for kept in asked:
-            way = _straight(robot, q_start, T_goal, kept)
-            if way.complete:
-                break
-        assert way is not None
+        way = _straight(robot, q_start, T_goal, counts)
         if way.broken is not None:
             return _not_reached(robot, way, as_json)
         made = time_path(way, tcp=tcp, **limits)
     else:
-        if q_goal is None:
-            for kept in asked:
-                wished: Any = T_goal
-                if kept != "pose" and target is not None:
-                    wished = wanted(*target, rpy=None, quaternion=None, axis=axis, degrees=degrees).target()
-                answers = robot.ik(wished, seed=q_start)
-                if answers.reached:
-                    break
-            if not answers.reached:
-                return _not_reached(robot, answers.reason, as_json)
-            q_goal = robot.nearest_ik(T_goal, q_start) if kept == "pose" else _nearest(answers, q_start)
-        made = time_waypoints(robot.chain, [q_start, q_goal], tcp=tcp, **limits)
+        found = q_goal if target is None else _answer(robot, q_start, T_goal, counts, target, axis)
+        if found is None or isinstance(found, str):
+            return _not_reached(robot, str(found), as_json)
+        made = time_waypoints(robot.chain, [q_start, found], tcp=tcp, **limits)
     used = usage(made, JointLimits.of(robot.chain, **limits), tcp)
     written = made if rate is None else made.at_rate(rate)
     if out is not None:
@@ -153,6 +129,31 @@ def move(
     else:
         _print(robot, written, way, used, tcp, out, figure)
     return 0
+
+
+def _check(
+    to: str | None, target: object, orientation: tuple[object, ...], out: Path | None, figure: Path | None
+) -> None:
+    """What can be said before any work."""
+    from pieper.motion import files
+
+    if (to is None) == (target is None):
+        raise PieperError("give one of --to Q1,Q2,... and --target X Y Z")
+    if to is not None and any(way is not None for way in orientation):
+        raise PieperError("--rpy, --quat and --axis belong to --target; joint values have an orientation already")
+    if figure is not None:
+        from pieper.viewer.plot import checked_file
+
+        checked_file(figure)
+    if out is not None and out.suffix.lower() not in files.FORMATS:
+        raise PieperError(f"--out must end in {', '.join(files.FORMATS)}, got {str(out)!r}")
+
+
+def _what_counts(robot: Arm, *, whole: bool, axis: object) -> list[Kept]:
+    """What of the pose counts, most first: an arm with fewer than six joints can seldom keep what was not asked for."""
+    if whole or robot.dof >= 6:
+        return ["pose"]
+    return ["pose", "position" if axis is None else "axis"]
 
 
 def _goal(
@@ -175,19 +176,42 @@ def _goal(
     return goal.pose_from(robot.fk(q_start)[:3, :3]), None
 
 
-def _nearest(answers: IKSolutions, q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The answer within the limits that is nearest to q (n,)."""
-    import numpy as np
-
-    near = answers.q[answers.within_limits]
-    return np.asarray(near[int(np.argmin(np.linalg.norm(near - q, axis=1)))])
-
-
-def _straight(robot: Arm, q_start: NDArray[np.float64], T_goal: NDArray[np.float64], kept: Kept) -> JointPath:
+def _straight(robot: Arm, q_start: NDArray[np.float64], T_goal: NDArray[np.float64], counts: list[Kept]) -> JointPath:
+    """The tip on a straight line: the first way that is complete, or the last one that was tried."""
     from pieper.motion.path import line
     from pieper.motion.path_ik import follow_path
 
-    return follow_path(robot.chain, line(robot.fk(q_start), T_goal), q_start=q_start, target=kept)
+    poses = line(robot.fk(q_start), T_goal)
+    for kept in counts:
+        way = follow_path(robot.chain, poses, q_start=q_start, target=kept)
+        if way.complete:
+            break
+    return way
+
+
+def _answer(
+    robot: Arm,
+    q_start: NDArray[np.float64],
+    T_goal: NDArray[np.float64],
+    counts: list[Kept],
+    target: tuple[float, float, float],
+    axis: Any,
+) -> NDArray[np.float64] | str:
+    """Joint values (n,) at the goal, those nearest to the start; or why there are none."""
+    import numpy as np
+
+    for kept in counts:
+        if kept == "pose":
+            answers = robot.ik(T_goal, seed=q_start)
+        else:
+            goal = wanted(*target, rpy=None, quaternion=None, axis=axis, degrees=False)
+            answers = robot.ik(goal.target(), seed=q_start)
+        if answers.reached and kept == "pose":
+            return robot.nearest_ik(T_goal, q_start)
+        if answers.reached:
+            near = answers.q[answers.within_limits]
+            return np.asarray(near[int(np.argmin(np.linalg.norm(near - q_start, axis=1)))])
+    return str(answers.reason)
 
 
 def _not_reached(robot: Arm, why: JointPath | str, as_json: bool) -> int:

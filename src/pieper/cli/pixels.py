@@ -13,6 +13,8 @@ def pixels(text: str) -> tuple[int, int]:
     ArrayError
         It is something else.
 
+    Examples
+    --------
     >>> pixels("640x480")
     (640, 480)
     """

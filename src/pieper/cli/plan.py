@@ -22,7 +22,7 @@ from pieper.cli.arguments import (
     turning,
 )
 from pieper.cli.move import Acceleration, Jerk, Out, To, Velocity
-from pieper.cli.show import console, print_json, print_table
+from pieper.cli.show import console, number, print_columns, print_json
 from pieper.cli.target import start_values, wanted
 from pieper.errors import ArrayError, PieperError
 
@@ -87,6 +87,8 @@ def plan(
         raise ArrayError("--rpy and --quat speak of the orientation at a target; give --target X Y Z too")
     if out is not None and out.suffix.lower() not in files.FORMATS:
         raise PieperError(f"--out must end in {', '.join(files.FORMATS)}, got {str(out)!r}")
+    if picture is not None and picture.suffix.lower() != ".png":
+        raise ArrayError(f"--picture must end in .png, got {str(picture)!r}")
     robot = load(arm, base=base, tip=tip, nominal=nominal)
     around = World() if world is None else read_world(world)
     q_start = start_values(robot, start, degrees=degrees)
@@ -137,10 +139,8 @@ def _print(robot: Arm, found: Plan, motion: Trajectory | None) -> None:
     out = console()
     out.print(f"{robot.name}  {robot.base} -> {robot.tip}\n", markup=False)
     shown = np.where(turning(robot), np.degrees(found.q), found.q)
-    names = [f">{name}" for name in robot.joint_names]
-    rows = [[str(k), *(f"{value:.2f}" for value in row)] for k, row in enumerate(shown)]
-    print_table(out, ["point", *names], rows, title="deg or m")
-    out.print()
+    columns = [[str(k), *(number(value, 2) for value in row)] for k, row in enumerate(shown.tolist())]
+    print_columns(out, "point", list(robot.joint_names), columns, title="deg or m")
     if found.found:
         out.print(f"found  {found}", style="green", markup=False, soft_wrap=True)
         out.print(

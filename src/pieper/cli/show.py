@@ -43,6 +43,19 @@ def print_table(out: Console, headings: Sequence[str], rows: Iterable[Sequence[s
         out.print(line, style=None if line_number else "dim", markup=False, no_wrap=True, overflow="ignore", crop=False)
 
 
+def print_columns(
+    out: Console, heading: str, labels: Sequence[str], columns: Sequence[Sequence[str]], *, title: str = ""
+) -> None:
+    """Print columns side by side, each under its first cell, in as many tables as the width of the screen asks for."""
+    broadest = max(len(cell) for column in columns for cell in column) + 2
+    across = max(1, (out.width - max(map(len, [heading, *labels]))) // broadest)
+    for first in range(0, len(columns), across):
+        block = columns[first : first + across]
+        rows = [[label, *(column[k] for column in block)] for k, label in enumerate(labels, start=1)]
+        print_table(out, [heading, *(">" + column[0] for column in block)], rows, title=title if not first else "")
+        out.print()
+
+
 def table_lines(headings: Sequence[str], rows: Iterable[Sequence[str]], width: int = 80) -> list[str]:
     """Rows under headings, two spaces apart; a heading that begins with ``>`` is of a column set to the right.
 

@@ -81,6 +81,8 @@ def synthesize(
     }  # fmt: skip
     made = made.but(seed=seed, **{key: value for key, value in wanted.items() if value is not None})
     folder = out or Path(scene)
+    if folder.exists() and not folder.is_dir():
+        raise VisionError(f"{folder} is a file, and a scene needs a folder; name another with --out")
     written = _write(made, folder, lossless=lossless, force=force)
     film = scene_folder.FRAMES if lossless else scene_folder.VIDEO
     if as_json:

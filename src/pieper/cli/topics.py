@@ -179,6 +179,8 @@ def call(
     """
     from pieper.ros import messages
 
+    if not _TYPE.fullmatch(type_name):
+        raise RosError(f"{type_name!r} is not the type of a service, as pieper_interfaces/srv/QuatToZYX")
     full = _full_type(type_name, "srv")
     request = messages.make(f"{full}_Request", read_fields(fields or "{}"))
     with joined(

@@ -133,7 +133,8 @@ def track(
         raise unknown_name("method", method, METHODS)
     keep_apart([source, colors, field, patterns], {"--out": out, "--record": record})
     _check_files(out, record, resume, warm_up)
-    if size is not None and source != "-":
+    frame_size = None if size is None else pixels(size)
+    if frame_size is not None and source != "-":
         raise VisionError(
             f"--size is for raw frames on standard input, named -; {source} tells its own size, so leave it out"
         )
@@ -149,7 +150,7 @@ def track(
                 source,
                 start=start if resumed is None else resumed.start,
                 stop=stop,
-                size=None if size is None else pixels(size),
+                size=frame_size,
                 fps=fps,
                 patience=patience,
             )
@@ -228,7 +229,7 @@ def _tracker(
         place = _rectangle(within)
     for name in largest:
         if name not in model.names:
-            raise unknown_name("color", name, model.names, str(colors))
+            raise unknown_name("colour", name, model.names, str(colors))
     adaptation = LightAdaptation(model) if adapt else None
     tracker = MarkerTracker(
         model,

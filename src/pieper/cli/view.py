@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from pieper.spatial._checks import FloatArray
     from pieper.viewer.panel import Panel
     from pieper.viewer.paths import Track
+    from pieper.viewer.server import Server
+    from pieper.viewer.view import View
 
 _THEMES = ("light", "dark")
 _STEPS = 1000  # of an iteration at most
@@ -124,36 +126,31 @@ def view(
     start = start_values(robot, q, degrees=degrees, option="--q")
 
     from pieper.sim.kinematic import KinematicSimulator
-    from pieper.viewer.paths import COLORS
-    from pieper.viewer.paths_panel import PathsPanel
-    from pieper.viewer.server import USUAL_PORT, Server
+    from pieper.viewer.server import Server
     from pieper.viewer.solve_panel import SolvePanel
     from pieper.viewer.view import View
 
     simulated = KinematicSimulator(robot.chain, q=start)
-    panels: list[Panel] = [SolvePanel(shown=solve)] if robot.dof else []
-    if compare is not None:
-        panels.append(_comparison(arm, robot, compare))
     tracks = [
         *_files(robot, trajectory or []),
         *_iterations(robot, simulated.read().q, iterate, k1 or [0.1], hold=hold_orientation),
     ]
+    panels: list[Panel] = [SolvePanel(shown=solve)] if robot.dof else []
+    if compare is not None:
+        panels.append(_comparison(arm, robot, compare))
     if tracks:
-        panels.append(PathsPanel([replace(track, color=color) for track, color in zip(tracks, cycle(COLORS))]))
+        panels.append(_motions(tracks))
     if workspace is not None:
         panels.append(_map(robot, workspace, show))
     server = Server(0 if export is not None else port, label=robot.name)
+    look: dict[str, Any] = {
+        "dark": theme == "dark",
+        "frames": frames,
+        "axes": axes,
+        "meshes": None if meshes else False,
+    }
     try:
-        window = View(
-            server,
-            robot,
-            simulated,
-            panels=panels,
-            dark=theme == "dark",
-            frames=frames,
-            axes=axes,
-            meshes=None if meshes else False,
-        )
+        window = View(server, robot, simulated, panels=panels, **look)
     except BaseException:
         server.stop()
         raise
@@ -161,19 +158,34 @@ def view(
         if export is not None:
             window.export(export)
             typer.echo(f"wrote {export}  {export.stat().st_size / 1e6:.1f} MB")
-            return 0
-        with _until_asked():
-            window.start()
-            if port is None and server.port != USUAL_PORT:
-                typer.echo(f"port {USUAL_PORT} is taken: this is port {server.port}")
-            typer.echo(f"{robot.name}  {server.url}\nCtrl-C ends it")
-            sys.stdout.flush()
-            if browser and has_display():
-                import webbrowser
-
-                webbrowser.open(server.url)
-            window.wait()
+        else:
+            _serve(robot, server, window, port, browser=browser)
     return 0
+
+
+def _motions(tracks: list[Track]) -> Panel:
+    """The motions, each in a colour of its own."""
+    from pieper.viewer.paths import COLORS
+    from pieper.viewer.paths_panel import PathsPanel
+
+    return PathsPanel([replace(track, color=color) for track, color in zip(tracks, cycle(COLORS))])
+
+
+def _serve(robot: Arm, server: Server, window: View, port: int | None, *, browser: bool) -> None:
+    """Say where the page is, and keep it until it is left or ended."""
+    from pieper.viewer.server import USUAL_PORT
+
+    with _until_asked():
+        window.start()
+        if port is None and server.port != USUAL_PORT:
+            typer.echo(f"port {USUAL_PORT} is taken: this is port {server.port}")
+        typer.echo(f"{robot.name}  {server.url}\nCtrl-C ends it")
+        sys.stdout.flush()
+        if browser and has_display():
+            import webbrowser
+
+            webbrowser.open(server.url)
+        window.wait()
 
 
 def _comparison(name: str, robot: Arm, other: str) -> Panel:

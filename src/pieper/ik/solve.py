@@ -20,24 +20,16 @@ if TYPE_CHECKING:
 
 
 def solver(chain: Chain) -> Solver:
-    """The solver of a chain, made once (a few milliseconds) and kept with the chain, as long as that lives."""
-    if not isinstance(chain, Chain):
-        raise ArrayError(f"chain must be a Chain, as `arm.chain` is one, got {type(chain).__name__}")
-    return prepared(chain, "solver", None, lambda: Solver(chain))
-
-
-def check_options(options: Mapping[str, Any]) -> None:
-    """Refuses options that `solve` has not, with those that it has.
+    """The solver of a chain, made once (a few milliseconds) and kept with the chain, as long as that lives.
 
     Raises
     ------
-    UnknownNameError
-        As for ``q0`` or ``initial_position``, which are called ``seed`` here.
+    ArrayError
+        What is given is no Chain.
     """
-    known = [name for name in inspect.signature(Solver.solve).parameters if name not in ("self", "target")]
-    for name in options:
-        if name not in known:
-            raise unknown_name("option", name, known, "inverse kinematics")
+    if not isinstance(chain, Chain):
+        raise ArrayError(f"chain must be a Chain, as `arm.chain` is one, got {type(chain).__name__}")
+    return prepared(chain, "solver", None, lambda: Solver(chain))
 
 
 def solve(chain: Chain, target: ArrayLike | Target, *, seed: ArrayLike | None = None, **options: Any) -> IKSolutions:
@@ -108,5 +100,13 @@ def solve(chain: Chain, target: ArrayLike | Target, *, seed: ArrayLike | None = 
     try:
         return solver(chain).solve(target, seed, **options)
     except TypeError:
-        check_options(options)
+        _require_known(options)
         raise
+
+
+def _require_known(options: Mapping[str, Any]) -> None:
+    """Options of other packages, as ``q0`` or ``tol``, are told those that there are."""
+    known = [name for name in inspect.signature(Solver.solve).parameters if name not in ("self", "target")]
+    for name in options:
+        if name not in known:
+            raise unknown_name("option", name, known, "inverse kinematics")

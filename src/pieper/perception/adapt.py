@@ -116,10 +116,17 @@ class LightAdaptation:
     ) -> None:
         if enabled and model.space != LogChroma.name:
             raise VisionError(f"the light can be followed in {LogChroma.name} only, these colours are in {model.space}")
-        if not (seconds > 0 and forget > 0 and every >= 0 and most_light >= 1 and most_cast >= 0 and most_shift >= 0):
-            raise VisionError(
-                "the times must be positive, most_light at least 1, most_cast and most_shift not negative"
-            )
+        for name, value, least in (
+            ("every", every, 0.0),
+            ("most_light", most_light, 1.0),
+            ("most_cast", most_cast, 0.0),
+            ("most_shift", most_shift, 0.0),
+        ):
+            if not value >= least:
+                raise VisionError(f"{name} must be at least {least:g}, got {value:g}")
+        for name, value in (("seconds", seconds), ("forget", forget)):
+            if not value > 0.0:
+                raise VisionError(f"{name} must be a time above 0 s, got {value:g}")
         self.enabled = model.space == LogChroma.name if enabled is None else enabled
         self.model, self._learned = model, model
         self.table: ColorTable = model.table()

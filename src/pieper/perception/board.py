@@ -77,7 +77,9 @@ class Board:
             raise VisionError(f"the side of a square is in metres, between 0 and 10, got {self.square:g}")
         if self.kind == "chessboard":
             if self.columns == self.rows == 2:
-                raise VisionError("a chessboard needs more than 2 x 2 inner corners")
+                raise VisionError(
+                    "a chessboard needs more than 2 x 2 inner corners, which do not tell how it is turned; take 3 x 2 or more, or a ChArUco board"
+                )
             return
         if not 0 < self.marker < self.square:
             raise VisionError(

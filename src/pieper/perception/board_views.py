@@ -99,7 +99,7 @@ def find_views(
         if progress is not None:
             progress(looked_at, max(total, looked_at))
     if first is None:
-        raise VisionError("there is no image to look at")
+        raise VisionError("there is no image to look at; give images, folders of images, or a video")
     if len(found) < LEAST_VIEWS:
         raise VisionError(_too_few(board, len(found), looked_at))
     chosen, left_out = _chosen(found, board, first[1], most, spread=from_video or len(found) > most)

@@ -70,7 +70,7 @@ class Camera:
         if K[0, 0] <= 0 or K[1, 1] <= 0:
             raise ArrayError(f"focal lengths must be positive, got fx = {K[0, 0]:g}, fy = {K[1, 1]:g}")
         if K[1, 0] != 0 or K[0, 1] != 0 or tuple(K[2]) != (0, 0, 1):
-            raise ArrayError("matrix must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+            raise ArrayError(f"matrix must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {K.tolist()}")
         d = np.array(self.distortion, dtype=np.float64).reshape(-1)
         if d.size not in _COEFFICIENTS or not np.isfinite(d).all():
             raise ArrayError(f"distortion must be 0, 4, 5, 8 or 12 finite numbers, got {d.size}: {d}")

@@ -160,7 +160,9 @@ class ColorModel:
                 raise ArrayError(f"{name} must have shape {shape} for {k} colours, got {getattr(self, name).shape}")
         for name, covariance in zip(names, self.covariances, strict=True):
             if not _definite(covariance):
-                raise ArrayError(f"the covariance of {name!r} must be symmetric and positive definite")
+                raise ArrayError(
+                    f"the covariance of {name!r} must be symmetric and positive definite, got {covariance.tolist()}"
+                )
         for which, least, most in (
             ("threshold", 0.1, 100.0),
             ("light", 0.0, 5.0),
@@ -491,7 +493,9 @@ def _background(section: Section | None) -> Background:
     if not n:
         return Background()
     if (weights <= 0).any() or weights.sum() > 1.001:
-        raise section.error("weights", "must be positive, with a sum of 1")
+        raise section.error(
+            "weights", f"must be positive, with a sum of 1, got {weights.tolist()}, which sum to {weights.sum():g}"
+        )
     covariances = section.array("covariances", (n, 3, 3))
     for covariance in covariances:
         _covariance(section, "covariances", covariance)
@@ -500,7 +504,9 @@ def _background(section: Section | None) -> Background:
 
 def _covariance(section: Section, key: str, matrix: FloatArray) -> FloatArray:
     if not _definite(matrix):
-        raise section.error(key, "must be symmetric and positive definite")
+        raise section.error(
+            key, f"must be symmetric and positive definite, got {matrix.tolist()}; learn the colours again"
+        )
     return matrix
 
 

@@ -193,7 +193,7 @@ def _capture(region: Region, image: Image, space: Space) -> Capture:
     cut = region.cut(image)
     every = max(1, round(np.sqrt(cut.shape[0] * cut.shape[1] / _LARGEST_REGION)))
     cut = cut[::every, ::every]
-    pixels = _of_one_colour(cut, space)
+    pixels = _of_one_color(cut, space)
     if np.median(pixels.max(axis=-1)) < DARKEST:
         raise VisionError(
             f"region {region.box} of {region.color!r} on frame {region.frame} is too dark to have a colour: "
@@ -208,7 +208,7 @@ def _capture(region: Region, image: Image, space: Space) -> Capture:
     return Capture(region, pixels, pixels.size / cut.size, mean, covariance, *hsv, flat)
 
 
-def _of_one_colour(cut: Image, space: Space) -> NDArray[np.uint8]:
+def _of_one_color(cut: Image, space: Space) -> NDArray[np.uint8]:
     """The pixels of a region that are near the median of its middle, as often as it takes to settle."""
     height, width = cut.shape[:2]
     flat = cut.reshape(-1, 3)

@@ -24,7 +24,7 @@ from urllib.parse import parse_qs, urlsplit
 from pieper.errors import PieperError, VisionError
 from pieper.perception.color_learning import classified, learn
 from pieper.perception.color_regions import Region
-from pieper.perception.drawn_color import DRAWN, Bgr
+from pieper.perception.drawn_color import DRAWN, as_hex
 from pieper.perception.opencv import opencv
 from pieper.perception.source import probe, read_frame
 
@@ -139,7 +139,7 @@ class ColorPage:
 
     def state(self) -> dict[str, Any]:
         """What the page begins with."""
-        draw = {name: _css(bgr) for name, bgr in DRAWN.items()}
+        draw = {name: as_hex(bgr) for name, bgr in DRAWN.items()}
         regions = [asdict(region) for region in self._regions]
         return {"names": self._names, "regions": regions, "frames": self._frames.count, "draw": draw}
 
@@ -218,11 +218,11 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """The page itself with the token in its address; all else with the token in a header."""
-        where = urlsplit(self.path)
         try:
+            where = urlsplit(self.path)
             query = parse_qs(where.query, max_num_fields=8)
         except ValueError:
-            query = {}
+            where, query = urlsplit(""), {}
         token = query.get("token", [None])[0] if where.path == "/" else self.headers.get("X-Pieper-Token")
         if self._refused(token, writes=False):
             return
@@ -313,16 +313,17 @@ def _frame_number(value: Any) -> int:
 def _regions(body: dict[str, Any]) -> list[Region]:
     rows = body.get("regions")
     if not isinstance(rows, list) or len(rows) > MOST_REGIONS:
-        raise VisionError(f"regions must be a list of at most {MOST_REGIONS} boxes")
+        got = f"{len(rows)} of them" if isinstance(rows, list) else type(rows).__name__
+        raise VisionError(f"regions must be a list of at most {MOST_REGIONS} boxes, got {got}")
     found = []
     for row in rows:
         numbers = [row.get(key) for key in ("frame", "x", "y", "width", "height")] if isinstance(row, dict) else []
         whole = [n for n in numbers if type(n) is int and abs(n) < 1 << 31]
         if len(whole) != 5:
-            raise VisionError("a region must have whole numbers frame, x, y, width and height")
+            raise VisionError(f"a region must have whole numbers frame, x, y, width and height, got {str(row)[:80]}")
         color = row.get("color")
         if not isinstance(color, str) or not 0 < len(color.strip()) <= 40 or not color.isprintable():
-            raise VisionError("a region must have a colour of 1 to 40 letters")
+            raise VisionError(f"a region must have a colour of 1 to 40 letters, got {str(color)[:60]!r}")
         found.append(Region(color.strip(), *whole))
     return found
 
@@ -330,10 +331,5 @@ def _regions(body: dict[str, Any]) -> list[Region]:
 def _encoded(kind: str, image: Image) -> bytes:
     good, raw = opencv("a page of colours").imencode(kind, image)
     if not good:
-        raise VisionError("a frame cannot be shown")
+        raise VisionError(f"a frame of shape {image.shape} could not be encoded as {kind}, and cannot be shown")
     return bytes(raw.tobytes())
-
-
-def _css(bgr: Bgr) -> str:
-    b, g, r = bgr
-    return f"#{r:02x}{g:02x}{b:02x}"

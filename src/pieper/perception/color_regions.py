@@ -112,7 +112,10 @@ def read_regions(path: Path) -> tuple[list[Region], dict[str, Bgr]]:
     for name in colors:
         rows = colors.array(name, (None, 5))
         if not (rows == rows.round()).all() or np.abs(rows).max(initial=0) > 2**31:
-            raise colors.error(name, "must be lists of whole numbers: frame, x, y, w, h")
+            raise colors.error(
+                name,
+                f"must be lists of whole numbers: frame, x, y, w, h; got {rows[(rows != rows.round()).any(axis=1) | (np.abs(rows) > 2**31).any(axis=1)][0].tolist()}",
+            )
         regions += [Region(name, *(int(n) for n in row)) for row in rows]
     draw = {}
     for name, text in _texts(file.section("draw")) if "draw" in file else ():

@@ -27,7 +27,7 @@ from pieper.perception.tags import Tag, find_tags, load_tags
 from pieper.spatial._checks import stack
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -192,6 +192,40 @@ def from_points(
     VisionError
         The points are too few, on one line, in mirrored or crossed order, or do not fit.
     """
+    pixels, places, labels = _named_points(uv, p_field, names)
+    _check_points(pixels, places)
+    lens = Lens(camera, size_of(camera, image_size), camera_height, radial)
+    if radial and len(pixels) < 6:
+        raise VisionError(
+            f"radial distortion needs six points or more, got {len(pixels)}; give the camera, or radial 0"
+        )
+
+    def miss(x: FloatArray, rows: Any = slice(None)) -> FloatArray:
+        return np.asarray(np.nan_to_num(pixels[rows] - lens.project(x, places[rows]), nan=1e4)).reshape(-1)
+
+    x = solve_points(lens, pixels, places, miss)
+    error = _errors(lens.view(x), pixels, places)
+    if not np.isfinite(error).all() or _rms(error) > 0.2 * _extent(places):
+        raise VisionError(
+            f"the points do not fit any view of the field: {_rms(error) * 1e3:.0f} mm RMS; is each pixel beside its own place, in metres?"
+        )
+    extent = size or (float(np.ptp(places[:, 0])), float(np.ptp(places[:, 1])))
+    return FieldCalibration(
+        lens.view(x),
+        pixels,
+        places,
+        miss(x).reshape(-1, 2),
+        error,
+        _left_out_in_turn(lens, pixels, places, labels, x, miss),
+        method,
+        lens.assumed(),
+        (_rectangle(extent, places, size),),
+        extent,
+    )
+
+
+def _named_points(uv: Any, p_field: Any, names: Sequence[str] | None) -> tuple[FloatArray, FloatArray, list[str]]:
+    """Pixels (n, 2), places (n, 3) [m], and what each point is called."""
     pixels, places = stack(uv, (2,), "uv"), _places(p_field)
     if pixels.ndim != 2 or len(pixels) != len(places):
         raise ArrayError(
@@ -200,46 +234,26 @@ def from_points(
     labels = [f"point {i + 1}" for i in range(len(pixels))] if names is None else [str(n) for n in names]
     if len(labels) != len(pixels):
         raise ArrayError(f"names must name each of {len(pixels)} points, got {len(labels)}")
-    _check_points(pixels, places)
-    lens = Lens(camera, size_of(camera, image_size), camera_height, radial)
-    if radial and len(pixels) < 6:
-        raise VisionError(
-            f"radial distortion needs six points or more, got {len(pixels)}; give the camera, or radial 0"
-        )
+    return pixels, places, labels
 
-    def miss(x: FloatArray, rows: Any) -> FloatArray:
-        return np.asarray(np.nan_to_num(pixels[rows] - lens.project(x, places[rows]), nan=1e4)).reshape(-1)
 
-    everything = np.arange(len(pixels))
-    x = solve_points(lens, pixels, places, lambda x: miss(x, everything))
-    view = lens.view(x)
-    residual = miss(x, everything).reshape(-1, 2)
-    error = _errors(view, pixels, places)
-    if not np.isfinite(error).all() or _rms(error) > 0.2 * _extent(places):
-        raise VisionError(
-            f"the points do not fit any view of the field: {_rms(error) * 1e3:.0f} mm RMS; is each pixel beside its own place, in metres?"
-        )
-    left_out: dict[str, float] = {}
+def _left_out_in_turn(
+    lens: Lens,
+    pixels: FloatArray,
+    places: FloatArray,
+    labels: Sequence[str],
+    x: FloatArray,
+    miss: Callable[[FloatArray, Any], FloatArray],
+) -> dict[str, float]:
+    """RMS error [m] of the points of each name when the field is fitted without them; empty where the rest would not suffice."""
+    found: dict[str, float] = {}
     for name in dict.fromkeys(labels):
         rows = np.array([label != name for label in labels])
         if 2 * rows.sum() <= len(x) or _flatness(places[rows, :2]) < _FLAT:
-            left_out = {}
-            break
+            return {}
         fit = least_squares(lambda x, rows=rows: miss(x, rows), x, x_scale="jac", method="trf")
-        left_out[name] = _rms(_errors(lens.view(fit.x), pixels[~rows], places[~rows]))
-    extent = size or (float(np.ptp(places[:, 0])), float(np.ptp(places[:, 1])))
-    return FieldCalibration(
-        view,
-        pixels,
-        places,
-        residual,
-        error,
-        left_out,
-        method,
-        lens.assumed(),
-        (_rectangle(extent, places, size),),
-        extent,
-    )
+        found[name] = _rms(_errors(lens.view(fit.x), pixels[~rows], places[~rows]))
+    return found
 
 
 def from_lines(
@@ -397,7 +411,9 @@ def _check_points(pixels: FloatArray, places: FloatArray) -> None:
     cv2 = opencv("the pose of a field")
     H, _ = cv2.findHomography(places[:, :2], pixels)
     if H is None:
-        raise VisionError("no view of a plane maps these places to these pixels")
+        raise VisionError(
+            "no view of a plane maps these places to these pixels; is each pixel beside its own place, in metres?"
+        )
     w = places[:, :2] @ H[2, :2] + H[2, 2]
     if (w > 0).all() != (w > 0).any():
         raise VisionError(

@@ -197,7 +197,9 @@ def size_of(camera: Camera | None, size: tuple[int, int] | None) -> tuple[int, i
     if camera is not None:
         return camera.size
     if size is None:
-        raise VisionError("without a camera, the size of the image is needed")
+        raise VisionError(
+            "without a camera, the size of the image is needed: give image_size, its width and height in pixels"
+        )
     return int(size[0]), int(size[1])
 
 

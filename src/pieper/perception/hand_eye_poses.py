@@ -74,7 +74,7 @@ def _poses(values: ArrayLike, name: str) -> FloatArray:
     try:
         Ts = np.array(values, dtype=np.float64)
     except (ValueError, TypeError):
-        raise VisionError(f"{name} must be numbers of shape (n, 4, 4)") from None
+        raise VisionError(f"{name} must be numbers of shape (n, 4, 4), got {str(values)[:80]}") from None
     if Ts.ndim != 3 or Ts.shape[1:] != (4, 4):
         raise VisionError(f"{name} must have shape (n, 4, 4), got {Ts.shape}")
     for k, T in enumerate(Ts):

@@ -60,7 +60,9 @@ class Moment:
         if len(set(things)) < len(things) or len(set(tracks)) < len(tracks):
             raise ArrayError(f"a thing or track is there twice in one frame: things {things}, tracks {tracks}")
         if np.isnan(distance).any() or (distance < 0).any():
-            raise ArrayError("distances must be numbers and not negative")
+            raise ArrayError(
+                f"distances must be 0 or more (infinity: never together), got {np.nanmin(distance) if not np.isnan(distance).any() else np.nan}"
+            )
         object.__setattr__(self, "things", things)
         object.__setattr__(self, "tracks", tracks)
         object.__setattr__(self, "distance", distance)

@@ -7,101 +7,52 @@ ratios are taken within the round; what is told is the median.
 from __future__ import annotations
 
 import statistics
-import tempfile
-import time
 from collections import defaultdict
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pieper.perception.board import Board
-from pieper.perception.board_views import find_views
-from pieper.perception.calibration import calibrate_camera
-from pieper.perception.color_learning import learn
+from pieper.perception.calibration_marks import calibration_marks
 from pieper.perception.evaluate import VISIBLE, evaluate, tracked
-from pieper.perception.field import from_lines
-from pieper.perception.field_lines import lines
 from pieper.perception.frame import Frame
 from pieper.perception.metrics import REACH, spread
-from pieper.perception.opencv import opencv
+from pieper.perception.pass_mark import Mark
 from pieper.perception.pattern import Patterns
 from pieper.perception.pattern_finder import PatternFinder
 from pieper.perception.pipeline import MarkerTracker
-from pieper.perception.report import ReportColor, ReportTracker
-from pieper.perception.scene_folder import color_regions
+from pieper.perception.report import ReportTracker
+from pieper.perception.scene_colors import learned, report_colors
 from pieper.perception.scene_presets import preset
 from pieper.perception.segment import segment
 from pieper.perception.sighting import Sighting
+from pieper.perception.speed_marks import speed_marks, whole_step_marks
 from pieper.perception.synthetic import Renderer
 from pieper.perception.track import Tracker, TrackerParameters
-from pieper.spatial import rotation
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
-    from pieper.perception.camera import Camera
     from pieper.perception.color import ColorModel
-    from pieper.perception.color_table import ColorTable
     from pieper.perception.evaluate import Evaluation
-    from pieper.perception.frame import Image
     from pieper.perception.output import TrackFile
     from pieper.perception.scene import Scene
     from pieper.perception.truth import TrueObject, Truth
-    from pieper.spatial._checks import FloatArray
 
-VGA, FULL_HD = (640, 480), (1920, 1080)
+__all__ = [
+    "Followed",
+    "Mark",
+    "as_data",
+    "follow",
+    "hidden_for_half_a_second",
+    "learned",
+    "measure",
+    "report_colors",
+    "spoiled",
+]
+
 _NEAR = 5.0  # px, within which a circle of the report's is of a marker
 _MISSES, _CLUTTER = 0.2, 0.05
-_SIDES = 4  # rays through a pixel, each way
-_SOFT = 1.0  # px; what a lens makes of an edge
-
-
-@dataclass(frozen=True)
-class Mark:
-    """One row of the table.
-
-    Attributes
-    ----------
-    what : str
-        Is measured.
-    unit : str
-        Of the figures.
-    ours : float
-        Of this package.
-    report : float or None
-        Of the report's method in the same run; None where it has no such answer.
-    limit : float
-    at_least : bool
-        Whether the figure must not be below the limit; otherwise it must not be above.
-    details : mapping
-        What else was measured.
-    """
-
-    what: str
-    unit: str
-    ours: float
-    limit: float
-    at_least: bool = False
-    report: float | None = None
-    details: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def reached(self) -> bool:
-        """Whether it is as it must be; what could not be measured is not."""
-        return self.ours >= self.limit if self.at_least else self.ours <= self.limit
-
-    @property
-    def must(self) -> str:
-        """The limit in words."""
-        return f"{'>=' if self.at_least else '<='} {self.shown(self.limit)}"
-
-    def shown(self, value: float | None) -> str:
-        """Return a figure in words."""
-        if value is None:
-            return "-"
-        return f"{value:.1%}" if self.unit == "share" else f"{value:.3g} {self.unit}".strip()
 
 
 def measure(*, quick: bool = False, begin: Callable[[str], object] = lambda _: None) -> list[Mark]:
@@ -116,14 +67,14 @@ def measure(*, quick: bool = False, begin: Callable[[str], object] = lambda _: N
     """
     marks: list[Mark] = []
     for title, rows in (
-        ("three colours to blobs", _speed),
-        ("whole step with ten robots", _whole_step),
+        ("three colours to blobs", speed_marks),
+        ("whole step with ten robots", whole_step_marks),
         ("marker centres", _centres),
         ("position and heading", _positions),
         ("light and colour cast", _light),
         ("full occlusion", _occlusion),
         ("ten robots crossing", _crossing),
-        ("calibration", _calibration),
+        ("calibration", calibration_marks),
     ):
         begin(title)
         marks += rows(quick)
@@ -135,170 +86,6 @@ def measure(*, quick: bool = False, begin: Callable[[str], object] = lambda _: N
 def as_data(marks: Sequence[Mark]) -> list[dict[str, Any]]:
     """Return the rows for JSON."""
     return [{**asdict(mark), "must": mark.must, "reached": mark.reached} for mark in marks]
-
-
-# --------------------------------------------------------------------------------------------------------------------
-# learning, as a person would: boxes on a few frames
-
-
-def learned(scene: Scene) -> ColorModel:
-    """Return the colour model of boxes on up to three frames of a scene, in the light of its first frame."""
-    steady = Renderer(
-        scene.but(light=(scene.effects.light[0],) * 2, cast=(scene.effects.cast[0],) * 2, noise=_grain(scene))
-    )
-    return learn(lambda k: steady[k][0].image, color_regions(scene)).model
-
-
-def report_colors(scene: Scene) -> list[ReportColor]:
-    """Return the report's Gaussians of the same boxes."""
-    steady = Renderer(
-        scene.but(light=(scene.effects.light[0],) * 2, cast=(scene.effects.cast[0],) * 2, noise=_grain(scene))
-    )
-    cuts: dict[str, list[Image]] = defaultdict(list)
-    for region in color_regions(scene):
-        cuts[region.color].append(region.cut(steady[region.frame][0].image))
-    return [ReportColor.learn(name, regions, single=name != "green") for name, regions in cuts.items()]
-
-
-def _grain(scene: Scene) -> float:
-    """Noise while learning: paint of one value alone has no covariance, and the report's method would have nothing to invert."""
-    return max(scene.effects.noise, 2.0)
-
-
-# --------------------------------------------------------------------------------------------------------------------
-# speed
-
-
-def _speed(quick: bool) -> list[Mark]:
-    marks = []
-    for size, name, limit in ((VGA, "VGA", 0.8), (FULL_HD, "1080p", 5.0)):
-        scene = preset("report", size)
-        image = Renderer(scene)[30][0].image
-        table, theirs = learned(scene).table(), ReportTracker(report_colors(scene))
-        routes = opencv_routes(image, table)
-        candidates: dict[str, Callable[[], object]] = {
-            "pieper": lambda image=image, table=table: segment(image, table),  # type: ignore[misc]
-            "report": lambda image=image, theirs=theirs: theirs.find(image),  # type: ignore[misc]
-            **routes,
-        }
-        seconds = _in_turn(candidates, rounds=5 if quick else 25)
-        ms = {key: 1e3 * statistics.median(values) for key, values in seconds.items()}
-        best = min(routes, key=lambda key: ms[key])
-        ratio = {key: _median_ratio(seconds[key], seconds["pieper"]) for key in ("report", best)}
-        details = {"milliseconds": ms, "best_opencv": best}
-        what = f"three colours to blobs, {name}"
-        marks += [
-            Mark(what, "ms CPU", ms["pieper"], limit, report=ms["report"], details=details),
-            Mark(f"{what}: faster than the report", "x", ratio["report"], 100.0, at_least=True, report=1.0),
-            Mark(
-                f"{what}: faster than the best of OpenCV",
-                "x",
-                ratio[best],
-                2.0,
-                at_least=True,
-                report=None,
-                details=details,
-            ),
-        ]
-    return marks
-
-
-def opencv_routes(image: Image, table: ColorTable) -> dict[str, Callable[[], object]]:
-    """Return ways to blobs by OpenCV alone, each with area and centroid of every patch of every colour.
-
-    Colours are boxes around the pixels that the table gives them, in HSV or in blue, green, red; or bits that a table for each channel gives.
-    """
-    cv2 = opencv("the routes by OpenCV")
-    labels, names = table.classify(image), range(1, len(table.names) + 1)
-    hsv = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
-    in_hsv, in_bgr = ([_box(space[labels == k]) for k in names] for space in (hsv, image))
-    bits = np.zeros((256, 1, 3), np.uint8)
-    for k, (low, high) in enumerate(in_bgr):
-        for channel in range(3):
-            bits[int(low[channel]) : int(high[channel]) + 1, 0, channel] |= 1 << k
-
-    def by_hsv() -> list[Any]:
-        space = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
-        return [cv2.inRange(space, low, high) for low, high in in_hsv]
-
-    def by_bgr() -> list[Any]:
-        return [cv2.inRange(image, low, high) for low, high in in_bgr]
-
-    def by_table() -> list[Any]:
-        b, g, r = cv2.split(cv2.LUT(image, bits))
-        return [cv2.bitwise_and(cv2.bitwise_and(b, g, b), r, b)]
-
-    def components(mask: Any) -> object:
-        return cv2.connectedComponentsWithStats(mask, connectivity=8, ltype=cv2.CV_16U)
-
-    def contours(mask: Any) -> object:
-        return [cv2.moments(found) for found in cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]]
-
-    ways = {"HSV boxes": by_hsv, "BGR boxes": by_bgr, "table per channel": by_table}
-    ends = {"components": components, "contours": contours}
-    return {
-        f"OpenCV: {way}, {end}": (lambda masks=masks, find=find: [find(mask) for mask in masks()])  # type: ignore[misc]
-        for way, masks in ways.items()
-        for end, find in ends.items()
-    }
-
-
-def _box(pixels: Any) -> tuple[Any, Any]:
-    return pixels.min(axis=0).astype(float), pixels.max(axis=0).astype(float)
-
-
-def _in_turn(candidates: Mapping[str, Callable[[], object]], *, rounds: int) -> dict[str, list[float]]:
-    """Processor seconds of each candidate, once a round, OpenCV on one thread."""
-    cv2 = opencv("timing")
-    threads = cv2.getNumThreads()
-    seconds: dict[str, list[float]] = {name: [] for name in candidates}
-    random, order = np.random.default_rng(0), list(candidates)
-    try:
-        cv2.setNumThreads(1)
-        for run in candidates.values():
-            run()
-        for _ in range(rounds):
-            random.shuffle(order)
-            for name in order:
-                times, start = 0, time.process_time_ns()
-                while times == 0 or time.process_time_ns() - start < 5_000_000:  # short ones as often as 5 ms take
-                    candidates[name]()
-                    times += 1
-                seconds[name].append((time.process_time_ns() - start) * 1e-9 / times)
-    finally:
-        cv2.setNumThreads(threads)
-    return seconds
-
-
-def _median_ratio(slow: Sequence[float], fast: Sequence[float]) -> float:
-    return statistics.median(a / b for a, b in zip(slow, fast, strict=True))
-
-
-def _whole_step(quick: bool) -> list[Mark]:
-    marks = []
-    for size, name, limit in ((VGA, "VGA", 500.0), (FULL_HD, "1080p", 120.0)):
-        scene = preset("clean", size).but(noise=3.0)
-        renderer = Renderer(scene)
-        count = 15 if quick or size == FULL_HD else 60
-        frames = [renderer[k][0] for k in range(count)]
-        model = learned(scene)
-        rates, stages = [], defaultdict(list)
-        for _ in range(2 if quick else 5):
-            tracker = MarkerTracker(model, view=scene.view, patterns=Patterns.of_scene(scene))
-            tracker.step(frames[0])
-            start = time.process_time_ns()
-            for frame in frames[1:]:
-                for stage, ms in tracker.step(frame).milliseconds.items():
-                    stages[stage].append(ms)
-            rates.append((count - 1) / ((time.process_time_ns() - start) * 1e-9))
-        details = {"milliseconds": {stage: statistics.median(ms) for stage, ms in stages.items()}}
-        what = f"with pattern and track, 10 robots and a ball, {name}"
-        marks.append(Mark(what, "fps", statistics.median(rates), limit, at_least=True, details=details))
-    return marks
-
-
-# --------------------------------------------------------------------------------------------------------------------
-# accuracy
 
 
 def _centres(quick: bool) -> list[Mark]:
@@ -554,90 +341,3 @@ def _consistency(marks: Sequence[Mark]) -> list[Mark]:
             "consistency: NEES of headings inside the 95 % band", "share", turned, 0.9, at_least=True, details=details
         ),
     ]
-
-
-# --------------------------------------------------------------------------------------------------------------------
-# calibration
-
-
-def _calibration(quick: bool) -> list[Mark]:
-    """A lens from pictures of a ChArUco board, and the field from its lines with that lens: both against the camera that made them."""
-    true = preset("lens")
-    lens = true.view.camera
-    board = Board.parse("charuco:9x6:0.04:0.03")
-    with tempfile.TemporaryDirectory() as folder:
-        eye = BoardCamera(lens, board)
-        for k, pose in enumerate(_poses(board, 8 if quick else 16)):
-            _, data = opencv("writing a picture").imencode(".png", eye.picture(pose, seed=k))
-            Path(folder, f"{k:02d}.png").write_bytes(data.tobytes())
-        found = calibrate_camera(find_views([Path(folder)], board), board)
-    still = true.but(things=(), noise=3.0)
-    image = Renderer(still)[0][0].image
-    field_found = from_lines(image, lines("vsss"), camera=found.camera)
-    half = np.array([true.pitch.length, true.pitch.width]) / 2
-    grid = np.stack(np.meshgrid(*(np.linspace(-h, h, 15) for h in half)), axis=-1).reshape(-1, 2)
-    away = field_found.view.to_field(true.view.to_image(grid)) - grid
-    if np.hypot(*away.T).mean() > half.min():  # the lines look the same turned round
-        away = -field_found.view.to_field(true.view.to_image(grid)) - grid
-    error = spread(away)
-    pixels = np.stack(np.meshgrid(np.linspace(0, 639, 17), np.linspace(0, 479, 13)), axis=-1).reshape(-1, 2)
-    rays, found_rays = lens.directions(pixels)[:, :2], found.camera.directions(pixels)[:, :2]
-    lens_error = spread((found_rays - rays) * lens.matrix[0, 0])
-    details = {
-        "views": len(found.views),
-        "pixels_against_the_true_lens": asdict(lens_error),
-        "field_mm": 1e3 * error.largest,
-    }
-    return [
-        Mark("calibration of the lens, synthetic boards", "px RMS", found.rms, 0.1, details=details),
-        Mark(
-            "calibration of the field, by its lines", "mm RMS", 1e3 * error.rms, 2.0, details={"largest": error.largest}
-        ),
-    ]
-
-
-def _poses(board: Board, count: int) -> Iterator[FloatArray]:
-    """Poses of a board before the camera, near and far, to all sides, tilted by up to half a right angle."""
-    middle = np.array([*(np.array(board.squares) * board.square / 2), 0.0])
-    random = np.random.default_rng(11)
-    for k in range(count):
-        T = np.eye(4)
-        tilt = random.uniform(0.15, 0.7) * np.array([np.cos(2.4 * k), np.sin(2.4 * k), 0.0])
-        T[:3, :3] = rotation.from_rotation_vector(tilt)
-        distance = random.uniform(0.45, 0.8)
-        aside = np.array([np.cos(2.4 * k + 1), 0.7 * np.sin(2.4 * k + 1)]) * distance * 0.22
-        T[:3, 3] = np.array([*aside, distance]) - T[:3, :3] @ middle
-        yield T
-
-
-class BoardCamera:
-    """Takes pictures of a printed board through a lens: each pixel is the mean of sixteen rays, softened by the lens by a pixel.
-
-    Parameters
-    ----------
-    camera : Camera
-    board : Board
-    """
-
-    def __init__(self, camera: Camera, board: Board) -> None:
-        width, height = camera.size
-        self._rays = camera.directions(
-            np.stack(np.meshgrid(np.arange(width + 1), np.arange(height + 1)), axis=-1) - 0.5
-        )
-        self._board = board
-
-    def picture(self, T_camera_board: FloatArray, *, noise: float = 2.0, seed: int = 0) -> Image:
-        """Return what the camera sees of the board at a pose."""
-        T = np.linalg.inv(T_camera_board)
-        along = self._rays @ T[:3, :3].T  # through the corners of the pixels
-        four = along[:-1, :-1], along[:-1, 1:], along[1:, :-1], along[1:, 1:]
-        white = np.zeros(along.shape[:2])[1:, 1:]
-        for i in range(_SIDES):
-            for j in range(_SIDES):  # no two in one row or column, so that no edge meets four at once
-                s, t = (i + (j + 0.5) / _SIDES) / _SIDES, (j + (i + 0.5) / _SIDES) / _SIDES
-                ray = (1 - s) * (1 - t) * four[0] + s * (1 - t) * four[1] + (1 - s) * t * four[2] + s * t * four[3]
-                white += self._board.is_white(T[:2, 3] - ray[..., :2] * (T[2, 3] / ray[..., 2])[..., None])
-        gray = opencv("drawing a board").GaussianBlur(30 + 190 * white / _SIDES**2, (0, 0), _SOFT)
-        gray += np.random.default_rng(seed).normal(0, noise, gray.shape)
-        image: Image = np.repeat(np.clip(np.rint(gray), 0, 255).astype(np.uint8)[..., None], 3, axis=2)
-        return image

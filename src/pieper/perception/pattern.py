@@ -102,7 +102,7 @@ class Patterns:
         looks: dict[Any, str] = {}
         for robot in self.robots:
             if not robot.markers:
-                raise VisionError(f"robot {robot.name!r} has no markers")
+                raise VisionError(f"robot {robot.name!r} has no markers; give it one at least, or leave it out")
             for a, b in combinations(robot.markers, 2):
                 if np.hypot(a.position[0] - b.position[0], a.position[1] - b.position[1]) < 1e-4:
                     raise VisionError(f"two markers of robot {robot.name!r} are at the same place")

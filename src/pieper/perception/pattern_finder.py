@@ -13,14 +13,14 @@ Two patterns that explain the blobs equally well leave the name open and the pos
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
 
 from pieper.errors import VisionError
 from pieper.perception.blob_places import SIZES, Levels, surest
-from pieper.perception.pattern_shape import shapes_of
+from pieper.perception.pattern_shape import Shape, shapes_of
 from pieper.perception.sighting import Sighting
 
 if TYPE_CHECKING:
@@ -85,6 +85,7 @@ class PatternFinder:
     --------
     >>> from pieper.perception.blobs import Blobs
     >>> from pieper.perception.field_view import PixelView
+    >>> from pieper.perception.pattern import load_patterns
     >>> league = load_patterns("report")
     >>> seen = np.array([[100, 100], [130, 100], [115, 79], [115, 121]]) + 0.0  # 3 mm to a pixel
     >>> blobs = Blobs(("red", "green", "blue"), np.array([0, 2, 1, 1]), seen, np.tile(np.eye(2) * 1e-3, (4, 1, 1)),
@@ -310,19 +311,13 @@ class PatternFinder:
         mask = right[u, which]
         points = np.where(mask, z[shape.level[None], blob], 0.0)
         for _ in range(2):
-            origin, turn = _similarity(points, shape.places, mask)
-            if self._metric:
-                middle = (points * mask).sum(axis=1) / np.maximum(mask.sum(axis=1), 1)
-                lever = (shape.places[None] * mask).sum(axis=1) / np.maximum(mask.sum(axis=1), 1)
-                turn = turn / np.maximum(np.abs(turn), 1e-300)
-                origin = middle - turn * lever
+            origin, turn, size = _pose_of(points, shape.places, mask, rigid=self._metric)
             off = np.abs(points - origin[:, None] - turn[:, None] * shape.places[None])
             fits = mask & (off < gate)
             if (fits == mask).all():
                 break
             mask = fits
         count = mask.sum(axis=1)
-        size = np.abs(turn)
         stays = (count >= shape.least) & (np.abs(size / scale - 1.0) < max(_SCALE_SLACK, 1e-6) * 1.5)
         if not stays.any():
             return None
@@ -366,54 +361,14 @@ class PatternFinder:
         shape = self._shapes[k]
         rows = np.array([c.rows[i] for c, i in chosen])
         there = rows >= 0
-        points = np.zeros(rows.shape, dtype=np.complex128)
-        W = np.zeros((3, *rows.shape))  # xx, xy, yy of the inverse covariances
         cut = self._cut(k, rows, there, levels, scale)
-        for level, height in enumerate(shape.heights):
-            here = there & (shape.level == level)
-            points[here] = levels.places(height)[rows[here]]
-            spread = levels.covariances(height)[rows[here]]
-            xx, xy, yy = spread[:, 0, 0] + cut[here] ** 2, spread[:, 0, 1], spread[:, 1, 1] + cut[here] ** 2
-            W[:, here] = np.stack([yy, -xy, xx]) / (xx * yy - xy * xy)
-        origin, turn = _similarity(points, shape.places, there)
-        size = np.ones(len(rows)) if self._metric else np.abs(turn)
-        turn = turn / np.abs(turn)
-        if self._metric:
-            count = there.sum(axis=1)
-            middle, lever = (
-                (v * there).sum(axis=1) / count for v in (points, np.broadcast_to(shape.places, rows.shape))
-            )
-            origin = middle - turn * lever
-        # One step of Gauss-Newton: the problem is nearly linear, and a second one is below rounding.
-        arm = (size * turn)[:, None] * shape.places[None]
-        off = np.where(there, points - origin[:, None] - arm, 0.0)
-        u, v = off.real, off.imag
-        a, b, c = W
-        Wu, Wv = a * u + b * v, b * u + c * v
-        Wx, Wy = (
-            -a * arm.imag + b * arm.real,
-            -b * arm.imag + c * arm.real,
-        )  # W times how the marker moves with the heading
-        spin = -arm.imag * Wx + arm.real * Wy
-        sums = np.stack([a, b, c, Wx, Wy, spin, Wu, Wv, arm.real * Wv - arm.imag * Wu, u * Wu + v * Wv]).sum(axis=2)
-        information = sums[[0, 1, 3, 1, 2, 4, 3, 4, 5]].T.reshape(-1, 3, 3)
-        covariance = np.linalg.inv(information)
-        slope = sums[6:9].T
-        step = (covariance @ slope[..., None])[..., 0]
-        origin = origin + step[:, 0] + 1j * step[:, 1]
-        turn = turn * np.exp(1j * step[:, 2])
-        # What the misfits of late say of the covariances of the centroids scales that of the pose (the variance of unit weight); a single
-        # misfit that this does not explain is laid on that robot (Birge's ratio).
-        freedom = 2.0 * there.sum(axis=1) - 3.0
-        misfit = sums[9] - (slope * step).sum(axis=1)
-        unit = self._unit[k]
-        odd = misfit > unit * chdtri(freedom, _MISFIT)
-        covariance *= np.where(odd, misfit / freedom, unit)[:, None, None]
-        plain = ~odd & (freedom > 0) & ~cut.any(axis=1)
-        if plain.any():
-            told = float(misfit[plain].sum() / freedom[plain].sum())
-            self._unit[k] = float(np.clip(unit + _UNIT_PACE * (told - unit), *_UNITS))
-        near = np.exp(-2.0 * (np.abs(off) / (shape.gate * scale)) ** 2)
+        points, W = _weighted(shape, rows, there, cut, levels)
+        origin, turn, size = _pose_of(points, shape.places, there, rigid=self._metric)
+        fit = _gauss_newton(points, W, there, shape.places, origin, turn / size, size)
+        covariance = (
+            fit.covariance * self._unit_weight(k, fit.misfit, 2.0 * there.sum(axis=1) - 3.0, cut)[:, None, None]
+        )
+        near = np.exp(-2.0 * (np.abs(fit.off) / (shape.gate * scale)) ** 2)
         confidence = (near * there).sum(axis=1) / len(shape.places)
         found = []
         for n, (c, i) in enumerate(chosen):
@@ -422,14 +377,28 @@ class PatternFinder:
             sighting = Sighting(
                 kind="robot",
                 name=name,
-                position=np.array([origin[n].real, origin[n].imag]),
-                heading=float(np.angle(turn[n])),
+                position=np.array([fit.origin[n].real, fit.origin[n].imag]),
+                heading=float(np.angle(fit.turn[n])),
                 covariance=0.5 * (covariance[n] + covariance[n].T),
                 blobs=tuple(int(row) for row in rows[n] if row >= 0),
                 confidence=float(confidence[n]),
             )
             found.append((float(c.score[i]), sighting))
         return found
+
+    def _unit_weight(self, k: int, misfit: FloatArray, freedom: FloatArray, cut: FloatArray) -> FloatArray:
+        """What the covariances of poses are to be multiplied by, ``(m,)``.
+
+        What the misfits of late say of the covariances of the centroids scales that of the pose (the variance of unit weight); a single
+        misfit that this does not explain is laid on that robot (Birge's ratio).
+        """
+        unit = self._unit[k]
+        odd = misfit > unit * chdtri(freedom, _MISFIT)
+        plain = ~odd & (freedom > 0) & ~cut.any(axis=1)
+        if plain.any():
+            told = float(misfit[plain].sum() / freedom[plain].sum())
+            self._unit[k] = float(np.clip(unit + _UNIT_PACE * (told - unit), *_UNITS))
+        return np.where(odd, misfit / freedom, unit)
 
     def _cut(
         self, k: int, rows: NDArray[np.int64], there: NDArray[np.bool_], levels: Levels, scale: float
@@ -524,16 +493,70 @@ _SCALE_SLACK = 0.08  # of a scale that was found in pixels: perspective and lens
 _SCALE_STEPS = tuple(float(f) for f in 1.12 ** np.arange(-4, 5))
 
 
-def _similarity(
-    points: NDArray[np.complex128], places: NDArray[np.complex128], mask: NDArray[np.bool_]
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Origins and turns (with a scale) that take places to points best, in the plane of complex numbers."""
+class _Fit(NamedTuple):
+    """Poses by least squares: origins and turns, (m,) in the plane of complex numbers, covariances (m, 3, 3), misfits (m,), and how far each
+    marker was off before, (m, n).
+    """
+
+    origin: NDArray[np.complex128]
+    turn: NDArray[np.complex128]
+    covariance: FloatArray
+    misfit: FloatArray
+    off: NDArray[np.complex128]
+
+
+def _weighted(
+    shape: Shape, rows: NDArray[np.int64], there: NDArray[np.bool_], cut: FloatArray, levels: Levels
+) -> tuple[NDArray[np.complex128], FloatArray]:
+    """Places of the markers, (m, n), and the inverses of their covariances: xx, xy and yy, (3, m, n)."""
+    points = np.zeros(rows.shape, dtype=np.complex128)
+    W = np.zeros((3, *rows.shape))
+    for level, height in enumerate(shape.heights):
+        here = there & (shape.level == level)
+        points[here] = levels.places(height)[rows[here]]
+        spread = levels.covariances(height)[rows[here]]
+        xx, xy, yy = spread[:, 0, 0] + cut[here] ** 2, spread[:, 0, 1], spread[:, 1, 1] + cut[here] ** 2
+        W[:, here] = np.stack([yy, -xy, xx]) / (xx * yy - xy * xy)
+    return points, W
+
+
+def _gauss_newton(
+    points: NDArray[np.complex128],
+    W: FloatArray,
+    there: NDArray[np.bool_],
+    places: NDArray[np.complex128],
+    origin: NDArray[np.complex128],
+    turn: NDArray[np.complex128],
+    size: FloatArray,
+) -> _Fit:
+    """One step: the problem is nearly linear, and a second one is below rounding."""
+    arm = (size * turn)[:, None] * places[None]
+    off = np.where(there, points - origin[:, None] - arm, 0.0)
+    u, v = off.real, off.imag
+    a, b, c = W
+    Wu, Wv = a * u + b * v, b * u + c * v
+    Wx, Wy = -a * arm.imag + b * arm.real, -b * arm.imag + c * arm.real  # W times how the marker moves with the heading
+    spin = -arm.imag * Wx + arm.real * Wy
+    sums = np.stack([a, b, c, Wx, Wy, spin, Wu, Wv, arm.real * Wv - arm.imag * Wu, u * Wu + v * Wv]).sum(axis=2)
+    covariance = np.linalg.inv(sums[[0, 1, 3, 1, 2, 4, 3, 4, 5]].T.reshape(-1, 3, 3))
+    slope = sums[6:9].T
+    step = (covariance @ slope[..., None])[..., 0]
+    misfit = sums[9] - (slope * step).sum(axis=1)
+    return _Fit(origin + step[:, 0] + 1j * step[:, 1], turn * np.exp(1j * step[:, 2]), covariance, misfit, off)
+
+
+def _pose_of(
+    points: NDArray[np.complex128], places: NDArray[np.complex128], mask: NDArray[np.bool_], *, rigid: bool
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128], FloatArray]:
+    """Origins, turns and sizes that take places to points best, in the plane of complex numbers; a turn has the size in it, which is 1 where `rigid`."""
     count = np.maximum(mask.sum(axis=1), 1)
     middle = (points * mask).sum(axis=1) / count
     lever = (places[None] * mask).sum(axis=1) / count
     arms = (places[None] - lever[:, None]) * mask
     turn = ((points - middle[:, None]) * arms.conj()).sum(axis=1) / np.maximum((np.abs(arms) ** 2).sum(axis=1), 1e-300)
-    return middle - turn * lever, turn
+    if rigid:
+        turn = turn / np.maximum(np.abs(turn), 1e-300)
+    return middle - turn * lever, turn, np.ones(len(turn)) if rigid else np.abs(turn)
 
 
 def _different(rows: NDArray[np.int64]) -> NDArray[np.int64]:

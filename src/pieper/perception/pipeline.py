@@ -245,7 +245,7 @@ def _per_color(markers: Follow | Mapping[str, Follow], names: tuple[str, ...]) -
         markers = dict.fromkeys(names, markers)
     for name, which in markers.items():
         if name not in names:
-            raise unknown_name("color", name, names)
+            raise unknown_name("colour", name, names)
         if which not in ("all", "largest"):
             raise VisionError(f"of a colour, 'all' or 'largest' is followed, got {which!r} for {name!r}")
     return dict(markers)

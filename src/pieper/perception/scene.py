@@ -316,6 +316,7 @@ class Scene:
     def but(self, **changes: object) -> Scene:
         """Return a scene that differs in some attributes, or in some effects.
 
+        >>> from pieper.perception.scene_presets import preset
         >>> preset("clean").but(noise=12.0, frames=10).effects.noise
         12.0
         """

@@ -230,8 +230,8 @@ def _checked(
     if fits and order == "yuyv":
         fits = image.shape[1] % 2 == 0
     if not fits:
-        grey = not planar and (image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 1))
-        hint = "; a grey frame has no colours to find" if grey else ""
+        gray = not planar and (image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 1))
+        hint = "; a grey frame has no colours to find" if gray else ""
         raise ArrayError(f"image must have shape {_SHAPES[order]} for order {order!r}, got {image.shape}{hint}")
     if max(image.shape[:2]) > LARGEST_SIDE:
         raise ArrayError(f"image must have at most {LARGEST_SIDE} rows and columns, got {image.shape}")

@@ -25,7 +25,27 @@ def video_path(path: str | os.PathLike[str]) -> Path:
 
 
 def with_suffix(path: str | os.PathLike[str], suffixes: Sequence[str], what: str) -> Path:
-    """A path to be written, refused before any work where its suffix or its folder cannot be."""
+    """A path to be written, refused before any work where its suffix or its folder cannot be.
+
+    Parameters
+    ----------
+    path : path
+    suffixes : sequence of str
+        Those that it may have, with their dots, in small letters.
+    what : str
+        What it is, for the message.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    VisionError
+        Another suffix.
+    OSError
+        No such folder, or a folder of that name.
+    """
     file = Path(path)
     if file.suffix.lower() not in suffixes:
         raise VisionError(f"{what} must end in {', '.join(suffixes)}, got {str(file)!r}")

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from pieper.errors import RosError
 from pieper.ros.arguments import Arguments, parse
 from pieper.ros.bus import Bus
+from pieper.ros.wire import LEFT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -195,7 +196,7 @@ class _FakeWire:
 
     def enter(self, endpoint: Any) -> None:
         if not self.open:
-            raise RosError("the node has left the network")
+            raise RosError(LEFT)
         self.endpoints.append(endpoint)
 
     def deliver(self) -> int:

@@ -130,14 +130,16 @@ def from_message(
             INVALID_JOINTS, f"all joints of the arm have to be given, and it lacks {', '.join(missing)}"
         )
     if not message.points:
-        raise TrajectoryError(INVALID_GOAL, "it has no points")
+        raise TrajectoryError(INVALID_GOAL, "it has no points; give one at least")
     if len(message.points) > most_points:
         raise TrajectoryError(INVALID_GOAL, f"{len(message.points)} points, and at most {most_points} are taken")
     t = np.array([_seconds(point.time_from_start) for point in message.points])
     _check_times(t)
     q, dq, ddq = (_rows(message, field) for field in ("positions", "velocities", "accelerations"))
     if q is None:
-        raise TrajectoryError(INVALID_GOAL, "its points have no positions")
+        raise TrajectoryError(
+            INVALID_GOAL, "its points have no positions; give them, velocities alone are not followed"
+        )
     if dq is not None and (np.abs(dq[-1]) > _RESTING).any():
         raise TrajectoryError(
             INVALID_GOAL, "the velocities of its last point are not 0; the arm has to come to rest there"

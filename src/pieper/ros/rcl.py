@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from pieper.errors import MissingLibraryError, RosError
 from pieper.ros import messages
 from pieper.ros.qos import SERVICES
+from pieper.ros.wire import LEFT
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -89,7 +90,7 @@ class RclWire:
             It has left the network.
         """
         if not self.is_open:
-            raise RosError("the node has left the network")
+            raise RosError(LEFT)
         return self._node
 
     def open_writer(self, topic: str, type_name: str, qos: QoS) -> _RclWriter:

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pieper.ros.qos import QoS
+LEFT = "the node has left the network: its bus is closed; open another one"
+"""What is said to those who go on with a node that is closed."""
 
 
 class Endpoint(Protocol):

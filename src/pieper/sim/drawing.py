@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pieper.kinematics.fk import fk, fk_frames
-from pieper.sim.font import font_for
+from pieper.sim.framing import FIELD_OF_VIEW, Camera, fitted_camera, grid_width
 from pieper.sim.ghost import laid_over
-from pieper.sim.offscreen import Offscreen, Pixels, import_mujoco, import_pillow
+from pieper.sim.labels import Name, with_names
+from pieper.sim.offscreen import Offscreen, Pixels, import_mujoco
 from pieper.sim.stage import AXIS_COLORS, rgb
 
 if TYPE_CHECKING:
@@ -28,9 +29,6 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 Image = NDArray[np.uint8]
-
-_FIELD_OF_VIEW = float(np.radians(30.0))  # up and down; a lens of 80 mm
-_MARGIN = 1.12
 _TIMES_LOOKED_AT = 40  # of a motion, when the camera is set up
 _TRACE_POINTS = 200
 _SHOWS_THROUGH = 0.55  # of a frame behind something
@@ -40,19 +38,6 @@ _NOT_DRAWN = 5  # a group of MuJoCo's
 _ARROW, _ARROW_WIDTH = 0.08, 0.0055
 _AXIS, _AXIS_WIDTH = 0.13, 0.0028
 _LINE_WIDTH = 0.0035
-
-
-class _Camera(NamedTuple):
-    eye: FloatArray
-    right: FloatArray
-    up: FloatArray
-    ahead: FloatArray
-
-    def pixel(self, point: FloatArray, size: tuple[int, int]) -> tuple[float, float]:
-        """Where a point appears, from the left and from the top."""
-        seen = point - self.eye
-        f = 0.5 * size[1] / np.tan(0.5 * _FIELD_OF_VIEW) / float(seen @ self.ahead)
-        return 0.5 * size[0] + f * float(seen @ self.right), 0.5 * size[1] - f * float(seen @ self.up)
 
 
 class _Stroke(NamedTuple):
@@ -65,18 +50,13 @@ class _Stroke(NamedTuple):
     arrow: bool = False
 
 
-class _Name(NamedTuple):
-    text: str
-    at: FloatArray
-
-
 @contextmanager
 def drawing(stage: Stage) -> Iterator[Callable[[float], Image]]:
     """A function that draws a picture at a time [s]; on leaving, the graphics memory is freed."""
     scale, center, corners = _extent(stage)
     factor = 2 if stage.smooth else 1
     width, height = (factor * side for side in stage.size)
-    camera = _fitted(corners, center, stage.view, stage.size)
+    camera = fitted_camera(corners, center, stage.view, stage.size)
     floor = min(0.0, float(corners[:, 2].min())) if len(stage.arms) else 0.0
     model, owners = _model(stage, scale, camera, center, floor, (width, height))
     mujoco = import_mujoco()
@@ -125,7 +105,7 @@ def drawing(stage: Stage) -> Iterator[Callable[[float], Image]]:
                 weight = np.where(marks.depth <= nearest + 1e-7, 1.0, _SHOWS_THROUGH) * there
                 colors += weight[..., None].astype(np.float32) * (marks.colors - colors)
             image = _shrunk(colors, factor)
-            return _written(image, stage, names, camera, scale)
+            return with_names(image, stage, names, camera, scale)
 
         yield draw
 
@@ -134,10 +114,6 @@ def _shrunk(colors: NDArray[np.float32], factor: int) -> Image:
     h, w = colors.shape[0] // factor, colors.shape[1] // factor
     small = colors.reshape(h, factor, w, factor, 3).mean(axis=(1, 3)) if factor > 1 else colors
     return np.clip(np.rint(small), 0, 255).astype(np.uint8)
-
-
-# --------------------------------------------------------------------------------------------------------------------
-# what there is to see, and from where
 
 
 def _extent(stage: Stage) -> tuple[float, FloatArray, FloatArray]:
@@ -161,69 +137,22 @@ def _extent(stage: Stage) -> tuple[float, FloatArray, FloatArray]:
     return scale, 0.5 * (around.min(axis=0) + around.max(axis=0)), around
 
 
-def _fitted(points: FloatArray, center: FloatArray, view: tuple[float, float], size: tuple[int, int]) -> _Camera:
-    """The nearest camera in a direction that sees all the points."""
-    azimuth, elevation = view
-    back = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    up = np.cross(back, right)
-    half = np.tan(0.5 * _FIELD_OF_VIEW) / _MARGIN * np.array([size[0] / size[1], 1.0])
-    flat = (points - center) @ np.column_stack([right, up, back])
-    # |x - x0| <= half_x (d - z) for every point: two bounds on each of x0 and y0 and the least d that leaves room between them
-    sums, differences = flat[:, :2] / half + flat[:, 2:], -flat[:, :2] / half + flat[:, 2:]
-    distances = 0.5 * (sums.max(axis=0) + differences.max(axis=0))
-    distance = float(distances.max())
-    shift = 0.5 * half * (sums.max(axis=0) - differences.max(axis=0))
-    eye = center + right * shift[0] + up * shift[1] + back * max(distance, 1e-3)
-    return _Camera(eye, right, up, -back)
-
-
 def _trace(arm: ShownArm) -> FloatArray:
     """The way of the tip, (k, 3) [m]."""
     times = np.linspace(0.0, arm.motion.duration, _TRACE_POINTS)
     return np.asarray(fk(arm.chain, arm.motion.sample(arm.motion.t[0] + times).q)[:, :3, 3])
 
 
-def grid_width(size: float) -> float:
-    """A round width [m] of the squares of a grid under something of that size [m]: 1, 2 or 5 times a power of ten.
-
-    >>> grid_width(2.3), grid_width(0.4)
-    (0.5, 0.1)
-    """
-    wanted = size / 5.0
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(max((factor * power for factor in (1.0, 2.0, 5.0) if factor * power <= wanted * 1.1), default=power))
-
-
-# --------------------------------------------------------------------------------------------------------------------
-# the model
-
-
 def _model(
-    stage: Stage, scale: float, camera: _Camera, center: FloatArray, floor: float, size: tuple[int, int]
+    stage: Stage, scale: float, camera: Camera, center: FloatArray, floor: float, size: tuple[int, int]
 ) -> tuple[Any, list[int]]:
     """A MuJoCo model in which every link is a body that is put where it belongs; and to which arm each geom belongs, -1 the floor."""
     mujoco = import_mujoco()
-    theme = stage.theme
     spec = mujoco.MjSpec()
-    spec.visual.global_.offwidth, spec.visual.global_.offheight = size
-    spec.visual.quality.offsamples = 0
-    spec.visual.quality.shadowsize = 2048
-    spec.visual.map.znear, spec.visual.map.zfar = 0.02, 60.0
-    spec.visual.map.fogstart, spec.visual.map.fogend = 2.6, 7.0
-    spec.visual.rgba.fog = [*rgb(theme.background), 1.0]
-    spec.visual.headlight.ambient = [0.42] * 3
-    spec.visual.headlight.diffuse = [0.38] * 3
-    spec.visual.headlight.specular = [0.12] * 3
-    spec.stat.extent, spec.stat.center = 1.0, center
-    background = rgb(theme.background)
-    spec.add_texture(
-        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
-        rgb1=background, rgb2=background, width=8, height=48,
-    )  # fmt: skip
+    _set_look(spec, stage, center, size)
     R = np.column_stack([camera.right, camera.up, -camera.ahead])
     spec.worldbody.add_camera(
-        name="eye", pos=camera.eye, quat=_quaternion(R, mujoco), fovy=float(np.degrees(_FIELD_OF_VIEW))
+        name="eye", pos=camera.eye, quat=_quaternion(R, mujoco), fovy=float(np.degrees(FIELD_OF_VIEW))
     )
     spec.worldbody.add_light(
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=center + np.array([0.5, -1.0, 2.0]), dir=[-0.35, 0.45, -1.0],
@@ -231,39 +160,71 @@ def _model(
     )  # fmt: skip
     owners = []
     if stage.grid:
-        cell = grid_width(1.0 / scale) * scale
-        spec.add_texture(
-            name="grid", type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
-            mark=mujoco.mjtMark.mjMARK_EDGE, rgb1=rgb(theme.floor), rgb2=rgb(theme.floor), markrgb=rgb(theme.lines),
-            width=200, height=200,
-        )  # fmt: skip
-        material = spec.add_material(name="floor", texrepeat=[1.0 / cell, 1.0 / cell], texuniform=True, specular=0.0)
-        textures = list(material.textures)
-        textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "grid"
-        material.textures = textures
-        spec.worldbody.add_geom(
-            name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[12.0, 12.0, 0.1], material="floor",
-            pos=[0.5 * cell, 0.5 * cell, floor - 1e-4], contype=0, conaffinity=0,
-        )  # fmt: skip
+        _add_floor(spec, stage, scale, floor)
         owners.append(-1)
     for k, arm in enumerate(stage.arms):
-        bodies = {}
-        for number, body in enumerate(arm.bodies):
-            if body.link not in bodies:
-                bodies[body.link] = spec.worldbody.add_body(name=f"{k}/{body.link}", mocap=True)
-            name = f"{k}/{number}"
-            spec.add_mesh(
-                name=name,
-                uservert=(body.mesh.vertices * scale).astype(np.float32).ravel(),
-                userface=body.mesh.faces.astype(np.int32).ravel(),
-                inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
-            )
-            bodies[body.link].add_geom(
-                type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, rgba=[*rgb(body.color), 1.0], contype=0, conaffinity=0
-            )
+        _add_links(spec, k, arm, scale)
     model = spec.compile()
     owners += [int(model.body(int(body)).name.split("/")[0]) for body in model.geom_bodyid[len(owners) :]]
     return model, owners
+
+
+def _set_look(spec: Any, stage: Stage, center: FloatArray, size: tuple[int, int]) -> None:
+    """Size of the picture, sky and haze, and light from the side of the eye."""
+    mujoco = import_mujoco()
+    background = rgb(stage.theme.background)
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = size
+    spec.visual.quality.offsamples = 0
+    spec.visual.quality.shadowsize = 2048
+    spec.visual.map.znear, spec.visual.map.zfar = 0.02, 60.0
+    spec.visual.map.fogstart, spec.visual.map.fogend = 2.6, 7.0
+    spec.visual.rgba.fog = [*background, 1.0]
+    spec.visual.headlight.ambient = [0.42] * 3
+    spec.visual.headlight.diffuse = [0.38] * 3
+    spec.visual.headlight.specular = [0.12] * 3
+    spec.stat.extent, spec.stat.center = 1.0, center
+    spec.add_texture(
+        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
+        rgb1=background, rgb2=background, width=8, height=48,
+    )  # fmt: skip
+
+
+def _add_floor(spec: Any, stage: Stage, scale: float, floor: float) -> None:
+    """A plane at a height, with a grid whose width is a round number of metres."""
+    mujoco, theme = import_mujoco(), stage.theme
+    cell = grid_width(1.0 / scale) * scale
+    spec.add_texture(
+        name="grid", type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
+        mark=mujoco.mjtMark.mjMARK_EDGE, rgb1=rgb(theme.floor), rgb2=rgb(theme.floor), markrgb=rgb(theme.lines),
+        width=200, height=200,
+    )  # fmt: skip
+    material = spec.add_material(name="floor", texrepeat=[1.0 / cell, 1.0 / cell], texuniform=True, specular=0.0)
+    textures = list(material.textures)
+    textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "grid"
+    material.textures = textures
+    spec.worldbody.add_geom(
+        name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[12.0, 12.0, 0.1], material="floor",
+        pos=[0.5 * cell, 0.5 * cell, floor - 1e-4], contype=0, conaffinity=0,
+    )  # fmt: skip
+
+
+def _add_links(spec: Any, number: int, arm: ShownArm, scale: float) -> None:
+    """A body for each link of an arm, named by the number of the arm and the link, with its meshes."""
+    mujoco = import_mujoco()
+    bodies: dict[int, Any] = {}
+    for k, body in enumerate(arm.bodies):
+        if body.link not in bodies:
+            bodies[body.link] = spec.worldbody.add_body(name=f"{number}/{body.link}", mocap=True)
+        name = f"{number}/{k}"
+        spec.add_mesh(
+            name=name,
+            uservert=(body.mesh.vertices * scale).astype(np.float32).ravel(),
+            userface=body.mesh.faces.astype(np.int32).ravel(),
+            inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+        )
+        bodies[body.link].add_geom(
+            type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, rgba=[*rgb(body.color), 1.0], contype=0, conaffinity=0
+        )
 
 
 def _quaternion(R: FloatArray, mujoco: Any) -> FloatArray:
@@ -285,20 +246,16 @@ def _move(stage: Stage, data: Any, t: float, scale: float, mujoco: Any) -> None:
     mujoco.mj_forward(model, data)
 
 
-# --------------------------------------------------------------------------------------------------------------------
-# frames, axes, lines and names
-
-
 def _marks(
     stage: Stage, t: float, scale: float, lines: list[tuple[FloatArray, str]]
-) -> tuple[list[_Stroke], list[_Name]]:
+) -> tuple[list[_Stroke], list[Name]]:
     strokes, names = [], []
     for frame in stage.frames(t):
         origin = frame.T_base_frame[:3, 3] * scale
         for k, color in enumerate(AXIS_COLORS):
             strokes.append(_Stroke(origin, origin + _ARROW * frame.T_base_frame[:3, k], _ARROW_WIDTH, color, True))
         if frame.label:
-            names.append(_Name(frame.label, origin))
+            names.append(Name(frame.label, origin))
     for arm in stage.arms:
         if not arm.axes:
             continue
@@ -306,7 +263,7 @@ def _marks(
             middle = point * scale
             strokes.append(_Stroke(middle - _AXIS * direction, middle + _AXIS * direction, _AXIS_WIDTH, "#9a4dd0"))
             if arm.labels:
-                names.append(_Name(name, middle + _AXIS * direction))
+                names.append(Name(name, middle + _AXIS * direction))
     for points, color in lines:
         strokes += [_Stroke(a, b, _LINE_WIDTH, color) for a, b in pairwise(points) if (a != b).any()]
     return strokes, names
@@ -343,56 +300,3 @@ def _put(scene: Any, stroke: _Stroke, mujoco: Any) -> None:
     mujoco.mjv_connector(geom, kind, stroke.width, stroke.start, far)
     geom.emission = 0.5
     scene.ngeom += 1
-
-
-def _written(image: Image, stage: Stage, names: list[_Name], camera: _Camera, scale: float) -> Image:
-    """The picture with names beside what they name, none over another, and the width of the grid in a corner."""
-    size = stage.size
-    notes = []
-    if stage.grid:
-        notes.append(f"grid {grid_width(1.0 / scale):g} m")
-    if not names and not notes:
-        return image
-    pillow = import_pillow()
-    from PIL import ImageDraw
-
-    canvas = pillow.fromarray(image)
-    pen = ImageDraw.Draw(canvas)
-    text, halo = stage.theme.text, stage.theme.halo
-    taken: list[tuple[float, float, float, float]] = []
-    for name in names:
-        x, y = camera.pixel(name.at, size)
-        words = name.text
-        font = font_for(words, max(9.0, 0.019 * size[1]))
-        left, top, right, bottom = pen.textbbox((0, 0), words, font=font)
-        w, h = right - left, bottom - top
-        box = _free_place(x, y, w, h, taken, size)
-        taken.append(box)
-        beside = (box[0] if box[0] > x else box[2], 0.5 * (box[1] + box[3]))
-        if np.hypot(beside[0] - x, beside[1] - y) > 0.9 * h:
-            pen.line([(x, y), beside], fill=stage.theme.metal, width=1)
-        pen.text((box[0] - left, box[1] - top), words, font=font, fill=text, stroke_width=2, stroke_fill=halo)
-    for note in notes:
-        small = font_for(note, max(9.0, 0.016 * size[1]))
-        bottom = pen.textbbox((0, 0), note, font=small)[3]
-        pen.text((8, size[1] - bottom - 7), note, font=small, fill=stage.theme.metal)
-    return np.array(canvas)
-
-
-def _free_place(
-    x: float, y: float, w: float, h: float, taken: list[tuple[float, float, float, float]], size: tuple[int, int]
-) -> tuple[float, float, float, float]:
-    """Where w times h pixels near a spot cover no others: right or left of it, higher and lower in turn."""
-    gap, edge = 0.8 * h, 2.0
-    for step in range(60):
-        for side in (1.0, -1.0):
-            left = x + gap if side > 0.0 else x - gap - w
-            middle = y - 0.6 * h + ((step + 1) // 2) * (1.25 * h) * (1.0 if step % 2 else -1.0)
-            left = min(max(left, edge), max(size[0] - w - edge, edge))
-            top = min(max(middle - 0.5 * h, edge), max(size[1] - h - edge, edge))
-            box = (left, top, left + w, top + h)
-            if not any(
-                box[0] < b[2] + 3 and b[0] < box[2] + 3 and box[1] < b[3] + 2 and b[1] < box[3] + 2 for b in taken
-            ):
-                return box
-    return box

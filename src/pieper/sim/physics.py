@@ -129,9 +129,8 @@ class MujocoSimulator(Simulator):
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self._mujoco = mujoco
-        if (
-            mujoco.get_mju_user_warning() is None
-        ):  # MuJoCo would leave a MUJOCO_LOG.TXT in the working folder; `_tick` says it
+        if mujoco.get_mju_user_warning() is None:
+            # MuJoCo would leave a MUJOCO_LOG.TXT in the working folder; `_tick` says it
             mujoco.set_mju_user_warning(_heard)
         joints = [self.model.joint(axis_name(axis)) for axis in range(len(self.chain.screws))]
         self._q = np.array([int(joint.qposadr[0]) for joint in joints], dtype=np.intp)

@@ -140,7 +140,7 @@ class SceneCamera:
         where, there = stack(eye, (3,), "eye"), stack(target, (3,), "target")
         ahead = there - where
         if float(np.linalg.norm(ahead)) < 1e-9:
-            raise ArrayError("eye and target must be different points")
+            raise ArrayError(f"eye and target must be different points, got {where.tolist()} for both")
         z = ahead / np.linalg.norm(ahead)
         x = np.cross(z, [0.0, 0.0, 1.0])
         x = np.array([1.0, 0.0, 0.0]) if float(np.linalg.norm(x)) < 1e-9 else x / np.linalg.norm(x)

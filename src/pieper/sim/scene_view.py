@@ -110,6 +110,11 @@ class SceneView:
         ghosts : sequence of Ghost
             The arm with its gripper at other joint values, to look through.
 
+        Returns
+        -------
+        (height, width, 3) array
+            Red, green and blue from 0 to 255.
+
         Raises
         ------
         ArrayError

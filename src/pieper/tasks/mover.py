@@ -17,7 +17,7 @@ from pieper.ik.target import position_and_axis
 from pieper.motion.joint_move import joint_move
 from pieper.motion.limits import JointLimits
 from pieper.motion.trajectory import Trajectory
-from pieper.spatial import rotation
+from pieper.tasks.tip_line import tip_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -27,16 +27,10 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 STEP = 0.01
-"""Distance of the poses on a line that are solved [m]; turning counts with a radius of 0.2 m."""
+"""Distance of the poses on a line that are solved [m]; a radian of turning counts as 0.1 m."""
 
 LOOK = 0.03
 """How far joints move between looks for what is in the way [rad or m]."""
-
-LARGEST_JUMP = 0.35
-"""Of a joint between neighbouring poses of a line; more is another branch [rad or m]."""
-
-_TURN_RADIUS = 0.2
-_FEWEST = 8
 
 
 class Mover(Protocol):
@@ -176,27 +170,10 @@ class DirectMover:
 
     def line(self, q_start: FloatArray, T_goal: FloatArray) -> Trajectory:
         """A straight line of the tip, its orientation turning evenly; see `Mover.line`."""
-        T_start = self.arm.fk(q_start)
-        turn = rotation.as_rotation_vector(T_start[:3, :3].T @ T_goal[:3, :3])
-        shift = T_goal[:3, 3] - T_start[:3, 3]
-        distance = float(np.linalg.norm(shift) + _TURN_RADIUS * np.linalg.norm(turn))
-        if distance < 1e-9:
+        path = tip_line(self.arm, q_start, T_goal, axis_tip=self.axis_tip, step=STEP)
+        if path is None:
             return Trajectory(np.zeros(1), q_start[None], joint_names=self.arm.joint_names)
-        count = max(int(np.ceil(distance / STEP)), _FEWEST)
-        way = [q_start]
-        for u in np.arange(1, count + 1) / count:
-            T = np.array(T_goal)
-            T[:3, 3] = T_start[:3, 3] + u * shift
-            T[:3, :3] = T_start[:3, :3] @ rotation.from_rotation_vector(u * turn)
-            q = self.answers(T, way[-1])[0]
-            jump = np.abs(q - way[-1])
-            if jump.max() > LARGEST_JUMP:
-                joint = self.arm.joint_names[int(np.argmax(jump))]
-                raise MotionError(
-                    f"the straight line breaks after {u * distance:.3f} of {distance:.3f} m: joint {joint!r} would have to jump by {jump.max():.2f}"
-                )
-            way.append(q)
-        return timed(np.array(way), self.velocity, self.acceleration, self.arm.joint_names)
+        return timed(path.q[path.given], self.velocity, self.acceleration, self.arm.joint_names)
 
 
 def timed(

@@ -17,12 +17,10 @@ from pieper.errors import MotionError
 from pieper.kinematics.joints import periodic_joints
 from pieper.motion.edges import EdgeCheck
 from pieper.motion.limits import JointLimits
-from pieper.motion.path import line as straight_line
-from pieper.motion.path_ik import follow_path
 from pieper.motion.timing import time_path, time_waypoints
 from pieper.motion.trajectory import Trajectory
-from pieper.spatial import rotation
 from pieper.tasks.mover import DirectMover
+from pieper.tasks.tip_line import tip_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -40,7 +38,6 @@ TIMEOUT = 5.0
 
 _TURN = 2.0 * np.pi
 _STEP = 0.005  # [m] between the poses of a line that are solved
-_ALIKE, _SAME = 1e-9, 1e-6
 _NEAR_LIMIT = 0.2  # [rad or m]; joint values nearer to a limit are taken when there are no others
 _MOST_COPIES = 48
 
@@ -152,27 +149,9 @@ class PlannedMover:
         MotionError
             It leaves the limits or is not free; the message says after how many metres.
         """
-        chain, T_start = self.arm.chain, self.arm.fk(q_start)
-        axis, target = self._direct.axis_tip, "pose"
-        if axis is not None:
-            turned = np.eye(4)
-            turned[:3, :3] = _onto(np.array([0.0, 0.0, 1.0]), axis)
-            chain, target = chain.with_tool(turned), "axis"
-            end = np.array(T_goal)
-            end[:3, :3] = _onto(T_start[:3, :3] @ axis, T_goal[:3, :3] @ axis) @ T_start[:3, :3]
-            T_start, T_goal = T_start @ turned, end @ turned
-        if np.abs(T_goal - T_start).max() < _ALIKE:
+        path = tip_line(self.arm, q_start, T_goal, axis_tip=self._direct.axis_tip, step=_STEP)
+        if path is None:
             return Trajectory(np.zeros(1), q_start[None], joint_names=self.arm.joint_names)
-        path = follow_path(chain, straight_line(T_start, T_goal), q_start=q_start, target=target, step=_STEP)  # type: ignore[arg-type]
-        if path.broken is not None:
-            raise MotionError(f"the straight line breaks: {path.broken}")
-        apart = np.abs(path.q[0] - q_start)
-        if apart.max() > _SAME:
-            name = self.arm.joint_names[int(np.argmax(apart))]
-            raise MotionError(
-                f"the straight line cannot be followed from here: joint {name!r} would have to begin {apart.max():.2f} rad or m away, "
-                "not to leave its limits"
-            )
         model = self.model(LINE_MARGIN, True)
         hits = np.flatnonzero(~np.atleast_1d(model.is_free(path.q)))
         begins = self._touching(model, q_start)  # what stands on a board, or lies in a hand, does so at first
@@ -216,15 +195,3 @@ class PlannedMover:
         return time_waypoints(
             self.arm.chain, q, max_velocity=self.velocity, max_acceleration=self.acceleration, max_jerk=self.jerk
         )
-
-
-def _onto(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(3, 3) the smallest turn that brings one direction onto another."""
-    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
-    turn = np.cross(a, b)
-    sine, cosine = float(np.linalg.norm(turn)), float(a @ b)
-    if sine < _ALIKE:
-        if cosine > 0.0:
-            return np.eye(3)
-        turn = np.cross(a, np.eye(3)[int(np.argmin(np.abs(a)))])
-    return np.asarray(rotation.from_rotation_vector(np.arctan2(sine, cosine) * turn / np.linalg.norm(turn)))

@@ -101,28 +101,28 @@ def compare(
         raise ArrayError(f"q must have shape ({arm.dof},), got {here.shape}")
     here = both.common(here)
     there = _other_answers(both, here[None])[0] if question == "ik" else both.as_other(here)
-    colours, figure = new_figure(theme, PAGE, 6.3, title)
+    colors, figure = new_figure(theme, PAGE, 6.3, title)
     rows = figure.add_gridspec(2, 2, height_ratios=[1.35, 1.0])
-    _side_by_side(figure, rows, colours, both, here, there, question=question, degrees=degrees)
+    _side_by_side(figure, rows, colors, both, here, there, question=question, degrees=degrees)
     panels = [figure.add_subplot(rows[1, 0]), figure.add_subplot(rows[1, 1])]
-    unreached, swept = _draw_sweeps(panels, colours, both, here, question=question, samples=samples, degrees=degrees)
+    unreached, swept = _draw_sweeps(panels, colors, both, here, question=question, samples=samples, degrees=degrees)
     panels[0].set_ylabel("distance of the tips [mm]" if question == "fk" else "miss of the other tip [mm]")
     panels[1].set_ylabel(
         "angle between the tips [mrad]" if question == "fk" else f"largest joint difference [{_thousandth(other)}]"
     )
     for axes in panels:
         _scale_differences(axes)
-        dress(axes, colours)
+        dress(axes, colors)
     if unreached:
         said = f"out of reach of {other.name}: {unreached} of {samples * swept} poses"
-        panels[1].set_title(said, fontsize=SMALL, color=colours.alarm)
-    legend_below(figure, colours, panels[0], columns=min(swept, 4))
+        panels[1].set_title(said, fontsize=SMALL, color=colors.alarm)
+    legend_below(figure, colors, panels[0], columns=min(swept, 4))
     return figure
 
 
 def _draw_sweeps(
     panels: Sequence[Any],
-    colours: Colors,
+    colors: Colors,
     both: Comparison,
     here: FloatArray,
     *,
@@ -146,7 +146,7 @@ def _draw_sweeps(
             unreached += int(np.isnan(ordinates[1]).sum())
         scale = np.degrees(1.0) if degrees and not slides[i] else 1.0
         for axes, ordinate in zip(panels, ordinates, strict=True):
-            axes.plot(values * scale, ordinate, lw=1.3, color=colours.series[place % len(colours.series)],
+            axes.plot(values * scale, ordinate, lw=1.3, color=colors.series[place % len(colors.series)],
                       ls=DASHES[place % len(DASHES)], label=both.arm.joint_names[i])  # fmt: skip
     kinds = {"m" if slides[i] else "deg" if degrees else "rad" for i in moving}
     for axes in panels:
@@ -157,7 +157,7 @@ def _draw_sweeps(
 def _side_by_side(
     figure: Figure,
     rows: Any,
-    colours: Colors,
+    colors: Colors,
     both: Comparison,
     here: FloatArray,
     there: FloatArray,
@@ -174,9 +174,9 @@ def _side_by_side(
     shown = np.vstack([Ts[:, :3, 3] for _, _, Ts in drawn])
     for column, (model, values, Ts) in enumerate(drawn):
         axes: Any = figure.add_subplot(rows[0, column], projection="3d", computed_zorder=False)
-        _skeleton(axes, colours, Ts, shown)
+        _skeleton(axes, colors, Ts, shown)
         numbers = _joint_text(model, values, degrees) if question == "ik" else _pose_text(Ts[-1])
-        axes.set_title(f"{model.name}\n{numbers}", fontsize=SMALL, color=colours.ink, linespacing=1.4, y=0.9)
+        axes.set_title(f"{model.name}\n{numbers}", fontsize=SMALL, color=colors.ink, linespacing=1.4, y=0.9)
 
 
 def _other_answers(both: Comparison, q: FloatArray) -> FloatArray:
@@ -217,23 +217,23 @@ def _scale_differences(axes: Any) -> None:
         axes.set_ylim(0.0, 1.12 * greatest if greatest > _ROUNDING else 1.0)
 
 
-def _skeleton(axes: Any, colours: Colors, Ts: FloatArray, shown: FloatArray) -> None:
+def _skeleton(axes: Any, colors: Colors, Ts: FloatArray, shown: FloatArray) -> None:
     """An arm as lines between its frames `Ts` (k, 4, 4), with the axes of the last one; empty for an arm that cannot be there."""
-    dress_3d(axes, colours, np.vstack([shown, np.zeros((1, 3))]), -60.0, zoom=0.84)
+    dress_3d(axes, colors, np.vstack([shown, np.zeros((1, 3))]), -60.0, zoom=0.84)
     if not len(Ts):
-        axes.text2D(0.5, 0.5, "out of reach", transform=axes.transAxes, ha="center", color=colours.alarm, fontsize=TEXT)
+        axes.text2D(0.5, 0.5, "out of reach", transform=axes.transAxes, ha="center", color=colors.alarm, fontsize=TEXT)
         return
     points = Ts[:, :3, 3]
-    axes.plot(*points.T, color=colours.series[0], lw=3.2, solid_capstyle="round", solid_joinstyle="round", zorder=3)
-    axes.plot(*points.T, ls="none", marker="o", ms=4, mfc=colours.paper, mec=colours.series[0], mew=1.1, zorder=4)
+    axes.plot(*points.T, color=colors.series[0], lw=3.2, solid_capstyle="round", solid_joinstyle="round", zorder=3)
+    axes.plot(*points.T, ls="none", marker="o", ms=4, mfc=colors.paper, mec=colors.series[0], mew=1.1, zorder=4)
     length = 0.16 * float(np.ptp(shown, axis=0).max())
-    for name, axis, colour in zip("xyz", Ts[-1, :3, :3].T, colours.triad, strict=True):
+    for name, axis, color in zip("xyz", Ts[-1, :3, :3].T, colors.triad, strict=True):
         end = points[-1] + length * axis
-        axes.plot(*np.array([points[-1], end]).T, color=colour, lw=1.8, zorder=6)
+        axes.plot(*np.array([points[-1], end]).T, color=color, lw=1.8, zorder=6)
         axes.text(
             *(points[-1] + 1.35 * length * axis),
             name,
-            color=colour,
+            color=color,
             fontsize=SMALL,
             ha="center",
             va="center",

@@ -60,11 +60,11 @@ def error(
             raise ArrayError(f"{name} must be a positive number, got {value!r}")
     runs = {str(label): _errors(given, str(label)) for label, given in named.items()}
     turning = any(turn is not None for _, _, turn in runs.values())
-    colours, figure = new_figure(theme, COLUMN, 5.0 if turning else 3.2, title)
+    colors, figure = new_figure(theme, COLUMN, 5.0 if turning else 3.2, title)
     panels = figure.subplots(2 if turning else 1, 1, sharex=True, squeeze=False)[:, 0]
     for i, (label, (count, left, turn)) in enumerate(runs.items()):
         look: dict[str, Any] = {
-            "color": colours.series[i % len(colours.series)],
+            "color": colors.series[i % len(colors.series)],
             "ls": DASHES[i % len(DASHES)],
             "lw": 1.4,
         }
@@ -77,11 +77,11 @@ def error(
         with np.errstate(under="ignore"):
             expected = left[0] * rate ** (count - count[0])
         panels[0].plot(
-            count, _above_zero(expected), color=colours.faint, lw=4.5, alpha=0.5, zorder=2, label=f"${rate:g}^k$"
+            count, _above_zero(expected), color=colors.faint, lw=4.5, alpha=0.5, zorder=2, label=f"${rate:g}^k$"
         )
     if stop is not None:
         panels[0].axhline(
-            stop, color=colours.faint, lw=1.0, ls=(0, (6, 3)), zorder=2, label=f"stop at {in_metres(stop)}"
+            stop, color=colors.faint, lw=1.0, ls=(0, (6, 3)), zorder=2, label=f"stop at {in_metres(stop)}"
         )
     panels[0].set_ylabel("position error [m]")
     panels[-1].set_xlabel("iteration $k$")
@@ -89,9 +89,9 @@ def error(
         panels[1].set_ylabel("rotation error [rad]")
     for axes in panels:
         axes.set_yscale("log")
-        dress(axes, colours)
+        dress(axes, colors)
     if len(runs) > 1 or rate is not None or stop is not None:
-        legend(panels[0], colours, loc="upper right")
+        legend(panels[0], colors, loc="upper right")
     return figure
 
 

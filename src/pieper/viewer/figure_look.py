@@ -73,28 +73,28 @@ def new_figure(theme: Theme, width: float, height: float, title: str) -> tuple[C
     need_matplotlib()
     from matplotlib.figure import Figure
 
-    colours = _THEMES[theme]
-    figure = Figure(figsize=(width, height), facecolor=colours.paper, layout="constrained")
+    colors = _THEMES[theme]
+    figure = Figure(figsize=(width, height), facecolor=colors.paper, layout="constrained")
     if title:
-        figure.suptitle(title, fontsize=HEAD, color=colours.ink, fontweight="bold")
-    return colours, figure
+        figure.suptitle(title, fontsize=HEAD, color=colors.ink, fontweight="bold")
+    return colors, figure
 
 
-def dress(axes: Any, colours: Colors) -> None:
+def dress(axes: Any, colors: Colors) -> None:
     """Give axes the grid, the ticks and the words that all figures have."""
     axes.set_facecolor("none")
-    axes.grid(True, color=colours.grid, lw=0.6)
+    axes.grid(True, color=colors.grid, lw=0.6)
     axes.set_axisbelow(True)
-    axes.tick_params(labelsize=SMALL, labelcolor=colours.ink, color=colours.faint, length=3, which="major")
-    axes.tick_params(labelsize=SMALL, labelcolor=colours.ink, color=colours.faint, length=1.8, which="minor")
+    axes.tick_params(labelsize=SMALL, labelcolor=colors.ink, color=colors.faint, length=3, which="major")
+    axes.tick_params(labelsize=SMALL, labelcolor=colors.ink, color=colors.faint, length=1.8, which="minor")
     for side, spine in axes.spines.items():
-        spine.set_color(colours.faint)
+        spine.set_color(colors.faint)
         spine.set_visible(side in ("left", "bottom"))
     for axis in (axes.xaxis, axes.yaxis):
-        axis.label.set(fontsize=TEXT, color=colours.ink)
+        axis.label.set(fontsize=TEXT, color=colors.ink)
 
 
-def dress_3d(axes: Any, colours: Colors, points: FloatArray, azimuth: float, *, zoom: float = 0.88) -> None:
+def dress_3d(axes: Any, colors: Colors, points: FloatArray, azimuth: float, *, zoom: float = 0.88) -> None:
     """The same in three dimensions, around points (k, 3) [m], looked at from `azimuth` [deg]; metres are equally long along all axes."""
     from matplotlib.ticker import MaxNLocator
 
@@ -105,35 +105,35 @@ def dress_3d(axes: Any, colours: Colors, points: FloatArray, azimuth: float, *, 
     for name, middle, side in zip("xyz", 0.5 * (lower + upper), size, strict=True):
         getattr(axes, f"set_{name}lim")(middle - 0.5 * side, middle + 0.5 * side)
         axis = getattr(axes, f"{name}axis")
-        axis.set_label_text(f"{name} [m]", fontsize=TEXT, color=colours.ink)
+        axis.set_label_text(f"{name} [m]", fontsize=TEXT, color=colors.ink)
         axis.set_pane_color((0.0, 0.0, 0.0, 0.0))
-        axis.line.set_color(colours.faint)
+        axis.line.set_color(colors.faint)
         # the one way to colour a grid in three dimensions
-        axis._axinfo["grid"].update(color=colours.grid, linewidth=0.6)
-        axis.set_tick_params(labelsize=SMALL, colors=colours.ink, pad=0)
+        axis._axinfo["grid"].update(color=colors.grid, linewidth=0.6)
+        axis.set_tick_params(labelsize=SMALL, colors=colors.ink, pad=0)
         axis.set_major_locator(MaxNLocator(5 if side > 0.75 * size.max() else 3))
     axes.set_facecolor("none")
     axes.set_box_aspect(size, zoom=zoom)  # metres are equally long along the three axes
     axes.view_init(elev=float(np.degrees(ELEVATION)), azim=azimuth)
 
 
-def legend_below(figure: Figure, colours: Colors, axes: Any, *, columns: int, first: Sequence[str] = ()) -> None:
+def legend_below(figure: Figure, colors: Colors, axes: Any, *, columns: int, first: Sequence[str] = ()) -> None:
     """The legend below the figure, where it hides nothing; the labels of `first` before the others."""
     handles, labels = axes.get_legend_handles_labels()
     rank = {label: i for i, label in enumerate(first)}
     order = sorted(range(len(labels)), key=lambda i: rank.get(labels[i], len(rank)))
     figure.legend([handles[i] for i in order], [labels[i] for i in order], loc="outside lower center", ncols=columns, fontsize=SMALL, frameon=False,
-                  labelcolor=colours.ink, handlelength=2.8)  # fmt: skip
+                  labelcolor=colors.ink, handlelength=2.8)  # fmt: skip
 
 
-def legend(axes: Any, colours: Colors, **where: Any) -> None:
+def legend(axes: Any, colors: Colors, **where: Any) -> None:
     """The legend within axes."""
     axes.legend(
         fontsize=SMALL,
         framealpha=0.85,
-        facecolor=colours.paper,
-        edgecolor=colours.grid,
-        labelcolor=colours.ink,
+        facecolor=colors.paper,
+        edgecolor=colors.grid,
+        labelcolor=colors.ink,
         **where,
     )
 

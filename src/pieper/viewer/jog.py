@@ -184,7 +184,6 @@ class JogPanel(Panel):
             self.sliders.append(slider)
         buttons = gui.add_button_group("Go to", ("Home", "Random", "Stop"))
         buttons.on_click(self._go)
-        self._buttons = buttons
         self._frame = gui.add_dropdown("Frame", arm.frame_names, initial_value=arm.tip)
         self._frame.on_update(lambda _: self._refresh())
         self._readout = gui.add_html("")

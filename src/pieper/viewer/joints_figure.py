@@ -60,28 +60,28 @@ def joints(
     scale = np.where(slides, 1.0, np.degrees(1.0) if degrees else 1.0)
     fastest = np.minimum(arm.chain.max_velocity, np.inf if max_velocity is None else _speeds(arm, max_velocity))
     columns = 1 if given.dq is None else 2
-    colours, figure = new_figure(theme, PAGE if columns == 2 else COLUMN, 1.05 * arm.dof + 0.95, title)
+    colors, figure = new_figure(theme, PAGE if columns == 2 else COLUMN, 1.05 * arm.dof + 0.95, title)
     grid = figure.subplots(arm.dof, columns, sharex=True, squeeze=False)
     outside = False
     for i, name in enumerate(arm.joint_names):
         unit = "m" if slides[i] else ("deg" if degrees else "rad")
         lower, upper = arm.limits[i] * scale[i]
-        outside |= _limited(grid[i, 0], colours, given.t, given.q[:, i] * scale[i], lower, upper)
+        outside |= _limited(grid[i, 0], colors, given.t, given.q[:, i] * scale[i], lower, upper)
         grid[i, 0].plot(given.t_points, given.q_points[:, i] * scale[i], ls="none", marker=".", ms=dot_size(given.t_points),
-                        color=colours.series[0], zorder=4, label="points")  # fmt: skip
-        grid[i, 0].set_title(name, loc="left", fontsize=TEXT, color=colours.ink, pad=3)
+                        color=colors.series[0], zorder=4, label="points")  # fmt: skip
+        grid[i, 0].set_title(name, loc="left", fontsize=TEXT, color=colors.ink, pad=3)
         grid[i, 0].set_ylabel(f"$q_{{{i + 1}}}$ [{unit}]")
         if given.dq is not None:
             speed = float(fastest[i] * scale[i])
-            outside |= _limited(grid[i, 1], colours, given.t, given.dq[:, i] * scale[i], -speed, speed)
+            outside |= _limited(grid[i, 1], colors, given.t, given.dq[:, i] * scale[i], -speed, speed)
             grid[i, 1].set_ylabel(rf"$\dot q_{{{i + 1}}}$ [{unit}/s]")
     for axes in grid.flat:
-        dress(axes, colours)
+        dress(axes, colors)
         axes.set_xlim(given.t[0], given.t[-1] if given.t[-1] > given.t[0] else given.t[0] + 1.0)
     for axes in grid[-1]:
         axes.set_xlabel("iteration" if given.dq is None else "time $t$ [s]")
     figure.align_ylabels(grid)
-    _limit_legend(figure, colours, outside=outside)
+    _limit_legend(figure, colors, outside=outside)
     return figure
 
 
@@ -92,41 +92,41 @@ def _speeds(arm: Arm, value: ArrayLike) -> FloatArray:
     return speeds
 
 
-def _limited(axes: Any, colours: Colors, t: FloatArray, value: FloatArray, lower: float, upper: float) -> bool:
+def _limited(axes: Any, colors: Colors, t: FloatArray, value: FloatArray, lower: float, upper: float) -> bool:
     """Draw a value with its limits, and what is beyond them; True where the value is beyond."""
-    axes.plot(t, value, color=colours.series[0], lw=1.3, zorder=3, label="value")
+    axes.plot(t, value, color=colors.series[0], lw=1.3, zorder=3, label="value")
     finite = [limit for limit in (lower, upper) if np.isfinite(limit)]
     least, most = min([float(value.min()), *finite]), max([float(value.max()), *finite])
     margin = 0.08 * (most - least) or 0.1
     least, most = least - margin, most + margin
     for limit, edge in ((lower, least), (upper, most)):
         if np.isfinite(limit):
-            axes.axhspan(limit, edge, color=colours.beyond, lw=0.0, zorder=0)
-            axes.axhline(limit, color=colours.alarm, lw=0.8, zorder=1)
+            axes.axhspan(limit, edge, color=colors.beyond, lw=0.0, zorder=0)
+            axes.axhline(limit, color=colors.alarm, lw=0.8, zorder=1)
     axes.set_ylim(least, most)
     rounding = 1e-9 * max(1.0, abs(lower) if np.isfinite(lower) else 0.0, abs(upper) if np.isfinite(upper) else 0.0)
     beyond = (value < lower - rounding) | (value > upper + rounding)
     if beyond.any():
-        axes.plot(t, np.where(beyond, value, np.nan), color=colours.alarm, lw=2.6, zorder=5, label="beyond a limit",
+        axes.plot(t, np.where(beyond, value, np.nan), color=colors.alarm, lw=2.6, zorder=5, label="beyond a limit",
                   marker=".", ms=2.6)  # fmt: skip
     return bool(beyond.any())
 
 
-def _limit_legend(figure: Figure, colours: Colors, *, outside: bool) -> None:
+def _limit_legend(figure: Figure, colors: Colors, *, outside: bool) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     handles: list[Any] = [
-        Line2D([], [], color=colours.series[0], lw=1.3, marker=".", ms=5, label="value, points given"),
-        Patch(facecolor=colours.beyond, edgecolor=colours.alarm, lw=0.8, label="beyond the limits"),
+        Line2D([], [], color=colors.series[0], lw=1.3, marker=".", ms=5, label="value, points given"),
+        Patch(facecolor=colors.beyond, edgecolor=colors.alarm, lw=0.8, label="beyond the limits"),
     ]
     if outside:
-        handles.append(Line2D([], [], color=colours.alarm, lw=2.6, label="value beyond a limit"))
+        handles.append(Line2D([], [], color=colors.alarm, lw=2.6, label="value beyond a limit"))
     figure.legend(
         handles=handles,
         loc="outside lower center",
         ncols=len(handles),
         fontsize=SMALL,
         frameon=False,
-        labelcolor=colours.ink,
+        labelcolor=colors.ink,
     )

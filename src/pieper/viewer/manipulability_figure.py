@@ -62,16 +62,16 @@ def manipulability(
         raise ArrayError(
             "q must hold trajectories or arrays, got both: one runs over time, the other over the number of the row"
         )
-    colours, figure = new_figure(theme, COLUMN, 4.6, title)
+    colors, figure = new_figure(theme, COLUMN, 4.6, title)
     panels = figure.subplots(2, 1, sharex=True)
     for i, (label, given) in enumerate(curves.items()):
         J = arm.jacobian(given.q)
         for axes, measure in zip(panels, (_manipulability(J), distance_to_singularity(J)), strict=True):
-            colour = colours.series[i % len(colours.series)]
+            color = colors.series[i % len(colors.series)]
             least = int(np.argmin(measure))
             where = f"{given.t[least]:.3g} s" if given.dq is not None else f"step {given.t[least]:g}"
-            axes.plot(given.t, measure, color=colour, ls=DASHES[i % len(DASHES)], lw=1.4, zorder=3, label=label)
-            axes.plot(given.t[least], measure[least], ls="none", marker="v", ms=6, color=colour, mec=colours.paper, zorder=4,
+            axes.plot(given.t, measure, color=color, ls=DASHES[i % len(DASHES)], lw=1.4, zorder=3, label=label)
+            axes.plot(given.t[least], measure[least], ls="none", marker="v", ms=6, color=color, mec=colors.paper, zorder=4,
                       label=f"least {measure[least]:.3g} at {where}")  # fmt: skip
     unit = "m$^3$" if arm.dof >= 6 and not sliding_joints(arm).any() else "mixed units"
     panels[0].set_ylabel(f"manipulability $w$ [{unit}]")
@@ -79,6 +79,6 @@ def manipulability(
     panels[1].set_xlabel("time $t$ [s]" if timed == {True} else "iteration")
     for axes in panels:
         axes.set_ylim(bottom=0.0, top=axes.get_ylim()[1] * 1.05)
-        dress(axes, colours)
-        legend(axes, colours, loc="best")
+        dress(axes, colors)
+        legend(axes, colors, loc="best")
     return figure

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pieper.workspace.map import WorkspaceMap
     from pieper.workspace.place import Placement
 
-_COLOURS = "viridis"
+_COLORS = "viridis"
 _MOST_VOXELS = 2_000_000  # that are looked at
 _MOST_POINTS = 30_000  # in three dimensions
 _OTHERS = {"x": ("y", "z"), "y": ("x", "z"), "z": ("x", "y")}
@@ -66,21 +66,21 @@ def workspace(
     pointing = (quantity, found.record["kind"]) == ("dexterity", "directions")  # of which no arm has nearly all
     scale = (0.0, float(values.max()) if pointing else 1.0) if quantity == "dexterity" else _range(values)
     if flat:
-        colours, figure = new_figure(theme, 5.2, 4.4, title)
+        colors, figure = new_figure(theme, 5.2, 4.4, title)
         axes: Any = figure.add_subplot()
-        image = _slice(axes, colours, found, quantity, flat[0], float(found.grid.axis(flat[0])[0]), scale, links)
+        image = _slice(axes, colors, found, quantity, flat[0], float(found.grid.axis(flat[0])[0]), scale, links)
     else:
-        colours, figure = new_figure(theme, 10.8, 3.6, title)
+        colors, figure = new_figure(theme, 10.8, 3.6, title)
         grid = figure.add_gridspec(1, 3, width_ratios=(1.25, 1.0, 1.0))
         y = float(np.clip(0.0, *found.grid.axis("y")[[0, -1]]))
         z = float(_widest(found))
-        image = _whole(figure.add_subplot(grid[0], projection="3d"), colours, points, values, scale, y, links)
-        _slice(figure.add_subplot(grid[1]), colours, found, quantity, "y", y, scale, links)
-        _slice(figure.add_subplot(grid[2]), colours, found, quantity, "z", z, scale, links)
+        image = _whole(figure.add_subplot(grid[0], projection="3d"), colors, points, values, scale, y, links)
+        _slice(figure.add_subplot(grid[1]), colors, found, quantity, "y", y, scale, links)
+        _slice(figure.add_subplot(grid[2]), colors, found, quantity, "z", z, scale, links)
     bar = figure.colorbar(image, ax=figure.axes, shrink=0.8, pad=0.02)
     words = "share of directions" if pointing else UNITS[quantity]
-    bar.set_label(words, fontsize=8.5, color=colours.ink)
-    bar.ax.tick_params(labelsize=7.5, labelcolor=colours.ink, color=colours.faint)
+    bar.set_label(words, fontsize=8.5, color=colors.ink)
+    bar.ax.tick_params(labelsize=7.5, labelcolor=colors.ink, color=colors.faint)
     bar.outline.set_visible(False)
     return figure
 
@@ -97,7 +97,7 @@ def placement(tried: Placement, Ts_world_target: FloatArray, *, title: str = "",
         The name of the arm when not given.
     theme : "light" or "dark"
     """
-    colours, figure = new_figure(theme, 5.2, 4.4, title or tried.arm)
+    colors, figure = new_figure(theme, 5.2, 4.4, title or tried.arm)
     axes: Any = figure.add_subplot()
     x, y = np.unique(tried.bases[:, 0]), np.unique(tried.bases[:, 1])
     most = np.zeros((len(x), len(y)))
@@ -105,27 +105,27 @@ def placement(tried: Placement, Ts_world_target: FloatArray, *, title: str = "",
     half = [0.5 * (np.diff(each).min() if len(each) > 1 else 0.1) for each in (x, y)]
     span = (x[0] - half[0], x[-1] + half[0], y[0] - half[1], y[-1] + half[1])
     image = axes.imshow(
-        most.T, origin="lower", extent=span, cmap=_COLOURS, vmin=0, vmax=tried.poses, interpolation="nearest", zorder=1
+        most.T, origin="lower", extent=span, cmap=_COLORS, vmin=0, vmax=tried.poses, interpolation="nearest", zorder=1
     )
     targets = np.asarray(Ts_world_target)[:, :2, 3]
-    axes.plot(*targets.T, ".", color=colours.alarm, ms=5, label="poses of the task")
+    axes.plot(*targets.T, ".", color=colors.alarm, ms=5, label="poses of the task")
     best = tried.bases[tried.best]
-    axes.plot(*best[:2], "*", color=colours.alarm, mec=colours.paper, ms=14, label="best base")
-    dress(axes, colours)
+    axes.plot(*best[:2], "*", color=colors.alarm, mec=colors.paper, ms=14, label="best base")
+    dress(axes, colors)
     axes.set_aspect("equal")
     axes.set_xlabel("x of the base [m]")
     axes.set_ylabel("y of the base [m]")
     axes.legend(fontsize=7.5, loc="upper right")
     bar = figure.colorbar(image, ax=axes, shrink=0.85)
-    bar.set_label(f"poses reached, of {tried.poses}", fontsize=8.5, color=colours.ink)
-    bar.ax.tick_params(labelsize=7.5, labelcolor=colours.ink, color=colours.faint)
+    bar.set_label(f"poses reached, of {tried.poses}", fontsize=8.5, color=colors.ink)
+    bar.ax.tick_params(labelsize=7.5, labelcolor=colors.ink, color=colors.faint)
     bar.outline.set_visible(False)
     return figure
 
 
 def _slice(
     axes: Any,
-    colours: Any,
+    colors: Any,
     found: WorkspaceMap,
     quantity: str,
     axis: str,
@@ -142,26 +142,26 @@ def _slice(
         layer.T,
         origin="lower",
         extent=span,
-        cmap=_COLOURS,
+        cmap=_COLORS,
         vmin=scale[0],
         vmax=scale[1],
         interpolation="nearest",
         zorder=1,
     )
     if links is not None:
-        axes.plot(links[:, i], links[:, j], "-o", color=colours.alarm, lw=1.4, ms=2.5)
-    dress(axes, colours)
+        axes.plot(links[:, i], links[:, j], "-o", color=colors.alarm, lw=1.4, ms=2.5)
+    dress(axes, colors)
     axes.set_aspect("equal")
     axes.set_xlabel(f"{across} [m]")
     axes.set_ylabel(f"{up} [m]")
     at = float(grid.axis(axis)[grid.layer(axis, value)])
-    axes.set_title(f"{axis} = {at:.3g} m", fontsize=8.5, color=colours.ink)
+    axes.set_title(f"{axis} = {at:.3g} m", fontsize=8.5, color=colors.ink)
     return image
 
 
 def _whole(
     axes: Any,
-    colours: Any,
+    colors: Any,
     points: FloatArray,
     values: FloatArray,
     scale: tuple[float, float],
@@ -176,17 +176,17 @@ def _whole(
     some = slice(None, None, step)
     size = 900.0 / max(len(points[some]), 1) ** 0.55
     image = axes.scatter(
-        *points[some].T, c=values[some], s=size, cmap=_COLOURS, vmin=scale[0], vmax=scale[1], lw=0, depthshade=False
+        *points[some].T, c=values[some], s=size, cmap=_COLORS, vmin=scale[0], vmax=scale[1], lw=0, depthshade=False
     )
     if links is not None:
-        axes.plot(*links.T, "-o", color=colours.alarm, lw=1.6, ms=2.5)
+        axes.plot(*links.T, "-o", color=colors.alarm, lw=1.6, ms=2.5)
     span = points.max(axis=0) - points.min(axis=0)
     axes.set_box_aspect(np.maximum(span, 0.05 * span.max()))
     axes.view_init(elev=22.0, azim=-55.0)
     axes.set_facecolor("none")
-    axes.tick_params(labelsize=6, labelcolor=colours.ink, pad=-2)
-    axes.set_xlabel("x [m]", fontsize=7.5, color=colours.ink, labelpad=-6)
-    axes.set_ylabel("y [m]", fontsize=7.5, color=colours.ink, labelpad=-6)  # that of z would run into the next
+    axes.tick_params(labelsize=6, labelcolor=colors.ink, pad=-2)
+    axes.set_xlabel("x [m]", fontsize=7.5, color=colors.ink, labelpad=-6)
+    axes.set_ylabel("y [m]", fontsize=7.5, color=colors.ink, labelpad=-6)  # that of z would run into the next
     for name in "xyz":
         getattr(axes, f"{name}axis").pane.set_visible(False)
     axes.locator_params(nbins=5)

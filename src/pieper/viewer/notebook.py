@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _AZIMUTH, _ELEVATION = np.radians(-55.0), np.radians(18.0)  # of the eye
 _LIGHT = np.array([-0.45, 0.62, 0.64])  # to the left, above, and behind the one who looks
-_COLOURS = {
+_COLORS = {
     "base": "#59626f",
     "link": "#c3cad4",
     "housing": "#3f7fb5",
@@ -92,9 +92,9 @@ def svg(arm: Arm, q: ArrayLike | None = None, *, width: int = 240) -> str:
     ]
     for i in _back_to_front(solids):
         lines += _drawn(solids[i], frame)
-    for line, colour in triad:
+    for line, color in triad:
         lines.append(
-            f'<path d="{frame.path(line)}" stroke="{colour}" stroke-width="2" stroke-linecap="round" fill="none"/>'
+            f'<path d="{frame.path(line)}" stroke="{color}" stroke-width="2" stroke-linecap="round" fill="none"/>'
         )
     return "\n".join([*lines, "</svg>"])
 
@@ -239,8 +239,8 @@ def _depth(solid: _Seen, x: FloatArray, y: FloatArray) -> FloatArray:
 
 def _drawn(solid: _Seen, paper: _Paper) -> Iterator[str]:
     """The paths of a solid: its outline in its darkest shade, then brighter and brighter parts."""
-    colour = _COLOURS[solid.role]
-    yield f'<path d="{paper.path(solid.outline, closed=True)}" fill="{_shade(colour, 0.0)}" stroke="{_EDGE}" stroke-width=".9"/>'
+    color = _COLORS[solid.role]
+    yield f'<path d="{paper.path(solid.outline, closed=True)}" fill="{_shade(color, 0.0)}" stroke="{_EDGE}" stroke-width=".9"/>'
     if isinstance(solid.solid, Box):
         patches = _box(solid)
     elif isinstance(solid.solid, (Drum, Cylinder)):
@@ -248,12 +248,12 @@ def _drawn(solid: _Seen, paper: _Paper) -> Iterator[str]:
     else:
         patches = _round(solid.solid, solid.T)
     for points, light in patches:
-        yield f'<path d="{paper.path(points, closed=True)}" fill="{_shade(colour, light)}"/>'
+        yield f'<path d="{paper.path(points, closed=True)}" fill="{_shade(color, light)}"/>'
 
 
-def _shade(colour: str, light: float) -> str:
+def _shade(color: str, light: float) -> str:
     """A colour in the shade (0) or in the light (1)."""
-    rgb = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)], dtype=np.float64)
+    rgb = np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)], dtype=np.float64)
     darkened = rgb * (0.58 + 0.5 * light)
     lit = darkened + (255.0 - darkened) * 0.28 * max(0.0, light - 0.55)
     return "#" + "".join(f"{int(value):02x}" for value in np.clip(lit, 0.0, 255.0))

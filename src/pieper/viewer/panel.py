@@ -103,6 +103,11 @@ def on_event(
         Given the words of a `PieperError`.
     quiet : callable
         Whether the control is being written to by the panel, so that nobody has touched it.
+
+    Returns
+    -------
+    callable
+        To be given to ``on_click`` or ``on_update``.
     """
 
     def called(_: Any) -> None:

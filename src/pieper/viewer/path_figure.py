@@ -119,31 +119,31 @@ def path(
     paths = {str(label): _positions(given, f"points of {label!r}") for label, given in named.items()}
     goal = None if target is None else _target(target)
     lines = {label: straight_line(given, goal) for label, given in paths.items()}
-    colours, figure = new_figure(theme, COLUMN, 4.7, title)
+    colors, figure = new_figure(theme, COLUMN, 4.7, title)
     axes: Any = figure.add_subplot(projection="3d", computed_zorder=False)
     drawn: list[FloatArray] = []
     for i, (label, given) in enumerate(paths.items()):
-        colour = colours.series[i % len(colours.series)]
+        color = colors.series[i % len(colors.series)]
         line = lines[label]
         if straight and len(given) > 1:
             if not any(np.allclose(line.ends, other, rtol=0.0, atol=1e-9) for other in drawn):
                 drawn.append(line.ends)
-                axes.plot(*line.ends.T, color=colours.faint, lw=1.1, ls=(0, (5, 2.5)), zorder=2,
+                axes.plot(*line.ends.T, color=colors.faint, lw=1.1, ls=(0, (5, 2.5)), zorder=2,
                           label="straight line" if len(drawn) == 1 else "_")  # fmt: skip
-            worst, mark = line.farthest, colours.alarm if len(paths) == 1 else colour
+            worst, mark = line.farthest, colors.alarm if len(paths) == 1 else color
             said = f"largest distance from it: {in_metres(line.largest)}"
             axes.plot(*np.array([given[worst], line.foot[worst]]).T, color=mark, lw=1.5, zorder=3,
                       label=said if len(paths) == 1 else f"{label}: {in_metres(line.largest)} from it at most")  # fmt: skip
-        axes.plot(*given.T, ls="-", marker=".", ms=4.5, lw=1.2, color=colour, zorder=4, label=label)
-        axes.plot(*given[:1].T, ls="none", marker="o", ms=6, mfc=colours.paper, mec=colour, mew=1.3, zorder=5,
+        axes.plot(*given.T, ls="-", marker=".", ms=4.5, lw=1.2, color=color, zorder=4, label=label)
+        axes.plot(*given[:1].T, ls="none", marker="o", ms=6, mfc=colors.paper, mec=color, mew=1.3, zorder=5,
                   label="start" if i == 0 else "_")  # fmt: skip
     if goal is not None:
-        axes.plot(*goal[:, None], ls="none", marker="*", ms=11, color=colours.ink, mec=colours.paper, mew=0.6, zorder=6,
+        axes.plot(*goal[:, None], ls="none", marker="*", ms=11, color=colors.ink, mec=colors.paper, mew=0.6, zorder=6,
                   label="target")  # fmt: skip
     everything = np.vstack([*paths.values(), *([] if goal is None else [goal[None]])])
     worst_label = max(lines, key=lambda label: lines[label].largest)
-    dress_3d(axes, colours, everything, _azimuth(paths[worst_label], lines[worst_label]))
-    legend_below(figure, colours, axes, columns=2, first=[*paths, "start", "target", "straight line"])
+    dress_3d(axes, colors, everything, _azimuth(paths[worst_label], lines[worst_label]))
+    legend_below(figure, colors, axes, columns=2, first=[*paths, "start", "target", "straight line"])
     return figure
 
 

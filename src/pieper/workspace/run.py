@@ -204,7 +204,9 @@ class Cluster:
         if survey.instructions in common:
             return survey
         if not common:
-            raise MapError("the workers have no vector instructions in common")
+            raise MapError(
+                f"the workers and this machine have no vector instructions in common: here are {', '.join(kernels.instruction_sets())}; take workers of one kind"
+            )
         return replace(survey, instructions=common[-1])
 
     def open(self) -> futures.Executor:

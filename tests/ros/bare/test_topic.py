@@ -239,6 +239,32 @@ def test_ends_that_do_not_fit_are_told_once_on_both_sides(join, offered, wanted,
     ]
 
 
+def test_who_listens_for_latched_and_for_plain_samples_has_no_complaint(join):
+    """As `description` does: what the latched reader has to refuse, the plain one hears."""
+    sender, listener, heard = join("sender"), join("listener"), []
+    writer = sender.open_writer("/robot_description", STRING, DEFAULT)
+    strict = listener.open_reader("/robot_description", STRING, LATCHED, heard.append)
+    plain = listener.open_reader("/robot_description", STRING, DEFAULT, heard.append)
+    other = listener.open_reader("/target", STRING, DEFAULT, heard.append)
+    refused, said = [], []
+    complaint = strict.complaint
+    strict.complaint = lambda: refused.append(complaint()) or refused[-1]
+
+    def told():
+        said.extend(filter(None, [listener.check()]))
+        return any(refused)
+
+    assert until(told, sender, listener)  # the latched one was refused, indeed
+    assert said == []
+    assert plain.asks_less_than(strict)
+    assert not strict.asks_less_than(plain)
+    assert not plain.asks_less_than(plain)
+    assert not other.asks_less_than(strict)
+    assert until(lambda: writer.matched, sender, listener)
+    writer.write(cdr(STRING, data="plain"))
+    assert until(lambda: heard, sender, listener)
+
+
 MANY = """
 import sys
 from pieper.ros.bare import DdsWire

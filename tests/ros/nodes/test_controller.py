@@ -352,7 +352,7 @@ BAD_TRAJECTORIES = [
     ),
     (moves(MH12, point(1.0, GOAL), point(2.0, [*GOAL, 0.0])), -1, "point 1 gives 7"),
     (moves(MH12, point(1.0, GOAL), point(2.0, [])), -1, "point 1 gives 0"),
-    (moves(MH12, point(1.0, [])), -1, "its points have no positions"),
+    (moves(MH12, point(1.0, [])), -1, "its points have no positions; give them, velocities alone are not followed"),
     (
         moves(MH12, point(1.0, GOAL, GOAL * 0), point(2.0, GOAL)),
         -1,
@@ -403,7 +403,9 @@ def test_a_goal_is_followed_with_feedback(cell):
     np.testing.assert_allclose(cell.q, GOAL, atol=ROUNDING)
 
 
-@pytest.mark.parametrize(("message", "code", "reason"), [*BAD_TRAJECTORIES, (moves(MH12), -1, "it has no points")])
+@pytest.mark.parametrize(
+    ("message", "code", "reason"), [*BAD_TRAJECTORIES, (moves(MH12), -1, "it has no points; give one at least")]
+)
 @pytest.mark.parametrize("explain", [False, True])
 def test_goals_that_are_refused_change_nothing(message, code, reason, explain):
     cell = Cell("mh12", "max_points:=30", f"explain_rejections:={explain}".lower())
@@ -618,9 +620,9 @@ def test_simulated_time_drives_the_arm():
 @pytest.mark.parametrize(
     ("parameter", "reason"),
     [
-        ("rate:=0.0", "the value must be from 1 to 1000, got 0.0"),
-        ("max_points:=0", "the value must be from 1 to 1e"),
-        ("goal_time:=-1.0", "the value must be from 0 to 3600"),
+        ("rate:=0.0", "must be from 1 to 1000, got 0.0"),
+        ("max_points:=0", "must be from 1 to 1e"),
+        ("goal_time:=-1.0", "must be from 0 to 3600"),
     ],
 )
 def test_parameters_are_checked(parameter, reason):

@@ -207,6 +207,11 @@ class TopicReader(Endpoint):
         alive = self._participant is not None and self._participant.alive
         return cyclone.matched_writers(self._dds) if alive else 0
 
+    def asks_less_than(self, other: TopicReader) -> bool:
+        """Whether it hears all writers of the same topic that the other one hears, and some that the other one does not."""
+        mine, its = ((q.reliable, q.transient_local) for q in (self._qos, other._qos))
+        return self.name == other.name and mine != its and all(a <= b for a, b in zip(mine, its, strict=True))
+
     def complaint(self) -> str | None:
         """Return a sentence about a writer that does not offer what this reader wants."""
         policy = None if self._dds is None else cyclone.refused_writers(self._dds)

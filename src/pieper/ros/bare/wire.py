@@ -13,6 +13,7 @@ from pieper.ros.bare.service import Caller, Server
 from pieper.ros.bare.topic import TopicReader, TopicWriter
 from pieper.ros.bare.type_support import describe
 from pieper.ros.bare.watchdog import Watchdog
+from pieper.ros.wire import LEFT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -105,8 +106,17 @@ class DdsWire:
         return f"this node was deaf: {deaf}; participant rebuilt, other nodes see it as a new one"
 
     def _complaints(self) -> str | None:
-        complaints = [complaint for endpoint in self._endpoints if (complaint := endpoint.complaint())]
+        complaints = [
+            complaint
+            for endpoint in self._endpoints
+            if (complaint := endpoint.complaint()) and not self._is_heard_otherwise(endpoint)
+        ]
         return "; ".join(complaints) or None
+
+    def _is_heard_otherwise(self, endpoint: Endpoint) -> bool:
+        """Whether a second reader of the topic takes what this one has to refuse, as those do who listen for latched and for plain samples."""
+        readers = (other for other in self._endpoints if isinstance(other, TopicReader))
+        return isinstance(endpoint, TopicReader) and any(other.asks_less_than(endpoint) for other in readers)
 
     # Life
 
@@ -153,7 +163,7 @@ class DdsWire:
 
     def _enter(self, endpoint: _Kind) -> _Kind:
         if self._participant is None:
-            raise RosError("the node has left the network")
+            raise RosError(LEFT)
         if not self._participant.alive:  # another node of this process had to close the domain
             self._leave()
             self._open()
@@ -180,7 +190,7 @@ class DdsWire:
     def _identity(self) -> bytes:
         """16 bytes that no other service or client has: the participant's, and a count."""
         if self._participant is None:
-            raise RosError("the node has left the network")
+            raise RosError(LEFT)
         self._identities += 1
         return self._participant.guid[:12] + self._identities.to_bytes(4, "big")
 

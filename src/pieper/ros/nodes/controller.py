@@ -18,6 +18,7 @@ from pieper.ros.joint_trajectory import (
     check_names,
     from_message,
 )
+from pieper.ros.nodes.checks import between
 from pieper.ros.nodes.complaints import Complaints
 
 if TYPE_CHECKING:
@@ -94,38 +95,7 @@ class Controller:
         self._taken: int | None = None  # when the last command came that was looked at,
         self._last_goal: int | None = None  # and the last goal
         self._told_of_rate = False
-        rate = bus.parameter(
-            "rate", 100.0, description="joint states in a second", check=_within(1.0, 1000.0), read_only=True
-        )
-        self._most_commands = bus.parameter(
-            "max_commands_per_second",
-            200.0,
-            description="of more, the newest wins",
-            check=_within(0.1, 10_000.0),
-        )
-        self._most_points = bus.parameter(
-            "max_points", 10_000, description="points that a trajectory may have", check=_within(1, 1_000_000)
-        )
-        self._partial = bus.parameter(
-            "allow_partial_joints_goal", False, description="trajectories may leave joints out, which then stay"
-        )
-        self._explain = bus.parameter(
-            "explain_rejections",
-            False,
-            description="accept a goal that is refused and abort it at once, with the reason",
-        )
-        self._path_tolerance = bus.parameter(
-            "path_tolerance", 0.05, description="position on the way [rad or m]; 0 for none", check=_within(0.0, 1e3)
-        )
-        self._goal_tolerance = bus.parameter(
-            "goal_tolerance", 0.01, description="position at the end [rad or m]; 0 for none", check=_within(0.0, 1e3)
-        )
-        self._goal_time = bus.parameter(
-            "goal_time", 1.0, description="how long the end may take after its time [s]", check=_within(0.0, 3600.0)
-        )
-        self._feedback_rate = bus.parameter(
-            "action_monitor_rate", 20.0, description="feedback messages in a second", check=_within(0.1, 1000.0)
-        )
+        self._declare_parameters()
         self._fed_back = self._time
         self._joint_states = bus.publisher("joint_states", JOINT_STATE)
         bus.subscribe("set_joint_states", JOINT_STATE, self._on_joint_states)
@@ -140,8 +110,43 @@ class Controller:
             on_cancel=self._on_cancel,
             say=self._complaints.say,
         )
-        bus.timer(1.0 / rate.value, self._tick)
+        bus.timer(1.0 / self._rate.value, self._tick)
         bus.log("info", f"Ready to move {', '.join(robot.joint_names)}")
+
+    def _declare_parameters(self) -> None:
+        bus = self._bus
+        self._rate = bus.parameter(
+            "rate", 100.0, description="joint states in a second", check=between(1.0, 1000.0), read_only=True
+        )
+        self._most_commands = bus.parameter(
+            "max_commands_per_second",
+            200.0,
+            description="of more, the newest wins",
+            check=between(0.1, 10_000.0),
+        )
+        self._most_points = bus.parameter(
+            "max_points", 10_000, description="points that a trajectory may have", check=between(1, 1_000_000)
+        )
+        self._partial = bus.parameter(
+            "allow_partial_joints_goal", False, description="trajectories may leave joints out, which then stay"
+        )
+        self._explain = bus.parameter(
+            "explain_rejections",
+            False,
+            description="accept a goal that is refused and abort it at once, with the reason",
+        )
+        self._path_tolerance = bus.parameter(
+            "path_tolerance", 0.05, description="position on the way [rad or m]; 0 for none", check=between(0.0, 1e3)
+        )
+        self._goal_tolerance = bus.parameter(
+            "goal_tolerance", 0.01, description="position at the end [rad or m]; 0 for none", check=between(0.0, 1e3)
+        )
+        self._goal_time = bus.parameter(
+            "goal_time", 1.0, description="how long the end may take after its time [s]", check=between(0.0, 3600.0)
+        )
+        self._feedback_rate = bus.parameter(
+            "action_monitor_rate", 20.0, description="feedback messages in a second", check=between(0.1, 1000.0)
+        )
 
     # Commands
 
@@ -393,11 +398,3 @@ class Controller:
                 "time_from_start": time,
             },
         )
-
-
-def _within(least: float, most: float) -> Callable[[float], None]:
-    def check(value: float) -> None:
-        if not least <= value <= most:
-            raise ValueError(f"the value must be from {least:g} to {most:g}, got {value}")
-
-    return check

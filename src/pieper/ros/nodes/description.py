@@ -15,6 +15,7 @@ from pieper.arm import Arm, load
 from pieper.errors import DescriptionError, PieperError, PieperWarning, RosError, UrdfError
 from pieper.model.urdf import as_urdf, from_urdf
 from pieper.model.xacro import is_xacro
+from pieper.ros.nodes.checks import seconds
 from pieper.ros.nodes.complaints import Complaints
 from pieper.ros.qos import DEFAULT, LATCHED
 
@@ -70,7 +71,7 @@ class Description:
             "repeat",
             1.0,
             description="seconds until robot_description_latch is sent again; 0: never",
-            check=_check_seconds,
+            check=seconds,
         )
         self._latch = bus.publisher("robot_description_latch", STRING, qos=LATCHED)
         self._sent_at = 0
@@ -226,8 +227,3 @@ def _doubts_to(bus: Bus, level: str) -> Iterator[None]:
 
 def _is_xml(text: str) -> bool:
     return text.lstrip("\ufeff \t\r\n").startswith("<")
-
-
-def _check_seconds(value: float) -> None:
-    if not 0.0 <= value < float("inf"):
-        raise ValueError(f"seconds must be at least 0 and finite, got {value!r}")

@@ -12,6 +12,7 @@ import numpy as np
 
 from pieper.errors import PieperError, RosError
 from pieper.ros import messages
+from pieper.ros.nodes.checks import between, seconds
 from pieper.ros.nodes.complaints import Complaints
 from pieper.ros.nodes.joint_states import JOINT_STATE, JointStates
 from pieper.ros.nodes.transforms import TF_MESSAGE, DhFrames, TransformMessage, link_frames
@@ -88,7 +89,7 @@ class Forward:
             "print_every",
             1.0,
             description="print a changed pose at most once in so many seconds; 0: at every message",
-            check=_check_seconds,
+            check=seconds,
         )
         self._publish_tf = bus.parameter(
             "publish_tf", True, description="send the frames of the links to /tf and /tf_static", read_only=True
@@ -97,7 +98,7 @@ class Forward:
             "queue",
             10,
             description="joint states that wait while the node is busy; more push out the oldest",
-            check=_check_queue,
+            check=between(1, 10_000),
             read_only=True,
         )
         reliable = bus.parameter(
@@ -219,13 +220,3 @@ class Forward:
     def _check_frame(self, name: str) -> None:
         if name not in self._arm.frame_names:
             raise ValueError(f"no frame {name!r} of {self._arm.name!r}; frames are: {', '.join(self._arm.frame_names)}")
-
-
-def _check_seconds(value: float) -> None:
-    if not 0.0 <= value < float("inf"):
-        raise ValueError(f"seconds must be at least 0 and finite, got {value!r}")
-
-
-def _check_queue(value: int) -> None:
-    if not 1 <= value <= 10_000:
-        raise ValueError(f"must be from 1 to 10000, got {value!r}")

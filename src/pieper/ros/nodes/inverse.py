@@ -22,6 +22,7 @@ from pieper.motion.joint_move import joint_move
 from pieper.motion.limits import JointLimits
 from pieper.motion.trajectory import Trajectory
 from pieper.ros import messages
+from pieper.ros.nodes.checks import between, one_of
 from pieper.ros.nodes.complaints import Complaints
 from pieper.ros.nodes.joint_states import JOINT_STATE, JointStates
 from pieper.ros.qos import QoS
@@ -186,33 +187,33 @@ class Inverse:
 
     def _declare_parameters(self) -> None:
         declare = self._bus.parameter
-        self._method = declare("method", "solve", description="solve or report", check=_one_of("solve", "report"))
+        self._method = declare("method", "solve", description="solve or report", check=one_of("solve", "report"))
         self._output = declare(
             "output",
             "auto",
             description="joint_states, trajectory, or auto: a trajectory where a controller listens",
-            check=_one_of("auto", "joint_states", "trajectory"),
+            check=one_of("auto", "joint_states", "trajectory"),
         )
-        self._rate = declare("rate", 100.0, description="joint states a second", check=_between(0.1, 10_000.0))
+        self._rate = declare("rate", 100.0, description="joint states a second", check=between(0.1, 10_000.0))
         self._speed = declare(
-            "speed", 1.0, description="fraction of the velocity limits to move with", check=_between(0.001, 1.0)
+            "speed", 1.0, description="fraction of the velocity limits to move with", check=between(0.001, 1.0)
         )
-        self._step = declare("step", 0.06, description="report: gain of a step", check=_between(1e-6, 2.0))
+        self._step = declare("step", 0.06, description="report: gain of a step", check=between(1e-6, 2.0))
         self._iterations = declare(
-            "iterations", 255, description="report: number of steps", check=_between(1, 1_000_000)
+            "iterations", 255, description="report: number of steps", check=between(1, 1_000_000)
         )
         self._tolerance = declare(
             "tolerance",
             1e-4,
             description="report: what may be left at the end [m, and rad for a pose]",
-            check=_between(1e-15, 1.0),
+            check=between(1e-15, 1.0),
         )
         self._stop = declare("stop", False, description="report: end as soon as no more than the tolerance is left")
         self._orientation = declare(
             "orientation",
             "ignore",
             description="report: ignore the orientation for a Point, or hold it",
-            check=_one_of("ignore", "hold"),
+            check=one_of("ignore", "hold"),
         )
         self._hold = declare(
             "hold",
@@ -609,22 +610,6 @@ def _at_rest(q: FloatArray) -> _Place:
 def _as_words(p: FloatArray) -> str:
     x, y, z = p
     return f"x={x:.3f}, y={y:.3f}, z={z:.3f}"
-
-
-def _one_of(*words: str) -> Any:
-    def check(value: str) -> None:
-        if value not in words:
-            raise ValueError(f"must be one of {', '.join(words)}, got {value!r}")
-
-    return check
-
-
-def _between(least: float, greatest: float) -> Any:
-    def check(value: float) -> None:
-        if not least <= value <= greatest:
-            raise ValueError(f"must be from {least:g} to {greatest:g}, got {value!r}")
-
-    return check
 
 
 def _check_offset(value: list[float]) -> None:
