@@ -23,7 +23,8 @@ from typing import TYPE_CHECKING, Any
 
 from pieper.errors import RosError
 from pieper.ros import messages
-from pieper.ros.bus import Bus, Reply
+from pieper.ros.bus import Bus
+from pieper.ros.endpoints import Reply
 from pieper.ros.qos import LATCHED
 
 if TYPE_CHECKING:
