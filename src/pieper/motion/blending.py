@@ -24,19 +24,11 @@ import numpy as np
 
 from pieper.errors import ArrayError
 from pieper.kinematics.joints import as_joints
-from pieper.motion.limits import JointLimits
-from pieper.motion.timing import (
-    Bounds,
-    TcpLimits,
-    along,
-    bounds,
-    duration,
-    held,
-    one_after_another,
-    profile,
-    sizes_at,
-    time_waypoints,
-)
+from pieper.motion._profile import along, profile
+from pieper.motion._retiming import held, one_after_another
+from pieper.motion._windows import Bounds, bounds, duration, sizes_at
+from pieper.motion.limits import JointLimits, TcpLimits
+from pieper.motion.timing import time_waypoints
 from pieper.motion.trajectory import Trajectory
 
 if TYPE_CHECKING:
