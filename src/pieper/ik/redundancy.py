@@ -22,15 +22,8 @@ from typing import TYPE_CHECKING, TypeGuard
 import numpy as np
 
 from pieper.errors import ArrayError
-from pieper.ik._held_joint import (
-    Redundancy,
-    RedundantSolutions,
-    at_swivel_angles,
-    prepare,
-    sampled,
-    solve_end,
-    solve_inner,
-)
+from pieper.ik._six_of_seven import at_swivel_angles, sampled, solve_end, solve_inner
+from pieper.ik.held_joint import Redundancy, RedundantSolutions, prepare
 from pieper.ik.self_motion import SAMPLES_OF_SELF_MOTION, nearest_on_self_motion, self_motion, track_branches
 from pieper.spatial._checks import FloatArray, poses, stack, together, whole_number
 

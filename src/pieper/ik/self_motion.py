@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pieper.errors import ArrayError
-from pieper.ik._held_joint import at_swivel_angles, prepare, sampled, solve_end
+from pieper.ik._six_of_seven import at_swivel_angles, sampled, solve_end
 from pieper.ik.curve import NearestPoint, SolutionCurve, crossing, follow
+from pieper.ik.held_joint import prepare
 from pieper.ik.numeric import solve_numeric
 from pieper.ik.target import pose
 from pieper.kinematics.joints import as_joints
@@ -21,7 +22,7 @@ from pieper.spatial._checks import poses
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from pieper.ik._held_joint import RedundantSolutions
+    from pieper.ik.held_joint import RedundantSolutions
     from pieper.model.chain import Chain
     from pieper.spatial._checks import FloatArray
 
