@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -22,6 +23,8 @@ from pieper.motion.collision import CollisionModel
 from pieper.motion.edges import EdgeCheck
 from pieper.motion.planning import plan
 from pieper.motion.timing import TcpLimits, time_waypoints, usage
+
+needs_ompl = pytest.mark.skipif(find_spec("ompl") is None, reason="ompl is not installed")
 
 HELD = 1e-6  # of a limit, over every sample: what the issue of motions asks for
 ON_THE_LINE = 1e-9  # [rad] rounding of polynomials in time
@@ -87,6 +90,7 @@ def test_a_corner_is_rounded_and_the_rest_stays_on_its_edges():
     assert speed[len(speed) // 4 : -len(speed) // 4].min() > 0.2  # no stop between
 
 
+@needs_ompl
 def test_what_is_rounded_keeps_its_distance():
     """Coal on every sample, against what the path kept less what the chords leave out."""
     model = CollisionModel(UR5E, post(), margin=0.01)
@@ -99,6 +103,7 @@ def test_what_is_rounded_keeps_its_distance():
         assert model.bounds(q, 0.1).min() >= path.kept - found.off - 2e-5
 
 
+@needs_ompl
 def test_what_is_rounded_touches_nothing_as_mujoco_sees_it():
     pytest.importorskip("mujoco")
     from benchmarks.shelves import Judge
@@ -110,6 +115,7 @@ def test_what_is_rounded_touches_nothing_as_mujoco_sees_it():
         assert not judge.touches(q)
 
 
+@needs_ompl
 def test_a_corner_that_hugs_an_obstacle_is_not_cut():
     """Around the edge of a plate the way turns within millimetres: inside the corner is the plate."""
     model = CollisionModel(UR5E, post(), margin=0.01)
@@ -147,6 +153,7 @@ def test_the_way_back_along_an_edge_rests():
     assert found.rounded[1] == 0.0
 
 
+@needs_ompl
 def test_a_motion_that_is_stopped_at_any_moment_leaves_the_arm_at_rest_within_its_limits():
     from pieper.sim.kinematic import KinematicSimulator
 
@@ -165,6 +172,7 @@ def test_a_motion_that_is_stopped_at_any_moment_leaves_the_arm_at_rest_within_it
         np.testing.assert_array_equal(robot.step(1.0).q, state.q)
 
 
+@needs_ompl
 def test_what_is_planned_until_it_is_cancelled_can_be_driven():
     model = CollisionModel(UR5E, post())
     asked = itertools.count()

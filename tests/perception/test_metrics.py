@@ -169,7 +169,7 @@ def test_a_pair_is_kept_while_it_is_within_reach_though_another_comes_nearer():
 def test_one_thing_twice_in_a_frame_is_refused():
     with pytest.raises(ArrayError, match="twice in one frame"):
         Moment([1, 1], [0], [[0.0], [0.0]])
-    with pytest.raises(ArrayError, match="not negative"):
+    with pytest.raises(ArrayError, match="must be 0 or more"):
         Moment([1], [0], [[np.nan]])
 
 

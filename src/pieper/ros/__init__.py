@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pieper.ros.backends import open_bus
-    from pieper.ros.bus import Bus, Reply
+    from pieper.ros.bus import Bus
+    from pieper.ros.endpoints import Reply
     from pieper.ros.qos import QoS
 
 __all__ = ["Bus", "QoS", "Reply", "open_bus"]
@@ -18,7 +19,7 @@ __all__ = ["Bus", "QoS", "Reply", "open_bus"]
 _HOMES = {
     "Bus": "pieper.ros.bus",
     "QoS": "pieper.ros.qos",
-    "Reply": "pieper.ros.bus",
+    "Reply": "pieper.ros.endpoints",
     "open_bus": "pieper.ros.backends",
 }
 

@@ -23,11 +23,13 @@ from typing import TYPE_CHECKING, Any
 
 from pieper.errors import RosError
 from pieper.ros import messages
-from pieper.ros.bus import Bus, Reply
+from pieper.ros.endpoints import Reply
 from pieper.ros.qos import LATCHED
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+
+    from pieper.ros.bus import Bus
 
 MOST_FINISHED = 32
 """Goals that a server remembers after they have ended, so that their results can still be asked for."""

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from pieper.ros.arguments import Arguments
     from pieper.ros.wire import Wire
 
-__all__ = ["Bus", "Client", "Publisher", "Reply", "Service", "Subscription", "Timer"]
+__all__ = ["Bus", "Client", "Publisher", "Service", "Subscription", "Timer"]
 
 _LEVELS = {"debug": 10, "info": 20, "warn": 30, "error": 40, "fatal": 50}
 _CHECK_EVERY = 0.5  # seconds between looks at the health of the wire

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Publisher:
-    """The side of a topic that sends; made by :meth:`Bus.publisher`.
+    """The side of a topic that sends; made by :meth:`~pieper.ros.bus.Bus.publisher`.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Publisher:
 
 
 class Subscription:
-    """The side of a topic that listens; made by :meth:`Bus.subscribe`.
+    """The side of a topic that listens; made by :meth:`~pieper.ros.bus.Bus.subscribe`.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class Subscription:
 
 
 class Service:
-    """A service that this node answers; made by :meth:`Bus.serve`.
+    """A service that this node answers; made by :meth:`~pieper.ros.bus.Bus.serve`.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class Service:
 
 
 class Reply:
-    """An answer to a request that is not there yet: returned by the callback of :meth:`Bus.serve`, sent later.
+    """An answer to a request that is not there yet: returned by the callback of :meth:`~pieper.ros.bus.Bus.serve`, sent later.
 
     Examples
     --------
@@ -158,7 +158,7 @@ class Reply:
 
 
 class Client:
-    """A service that another node answers; made by :meth:`Bus.client`.
+    """A service that another node answers; made by :meth:`~pieper.ros.bus.Bus.client`.
 
     Attributes
     ----------
@@ -199,7 +199,7 @@ class Client:
 
 
 class Timer:
-    """Something that happens again and again; made by :meth:`Bus.timer`.
+    """Something that happens again and again; made by :meth:`~pieper.ros.bus.Bus.timer`.
 
     Attributes
     ----------
