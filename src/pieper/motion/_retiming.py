@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pieper.errors import MotionError
-from pieper.motion.trajectory import Trajectory
+from pieper.motion.trajectory import Trajectory, one_after_another
 from pieper.motion.usage import usage
 
 if TYPE_CHECKING:
@@ -62,19 +62,9 @@ def held(trajectory: Trajectory, limits: JointLimits, tcp: TcpLimits | None) -> 
     return trajectory
 
 
-def one_after_another(chain: Chain, parts: list[Trajectory], rest: FloatArray) -> Trajectory:
+def joined(chain: Chain, parts: list[Trajectory], rest: FloatArray) -> Trajectory:
     """Motions from rest to rest as one; at rest at `rest` (n,) where there are none."""
     if not parts:
         still = np.zeros((1, chain.dof))
         return Trajectory(np.zeros(1), rest[None], still, still, chain.joint_names)
-    t, q, dq, ddq = [np.zeros(1)], [parts[0].q[:1]], [np.zeros((1, chain.dof))], [np.zeros((1, chain.dof))]
-    now = 0.0
-    for part in parts:
-        assert part.dq is not None
-        assert part.ddq is not None
-        t.append(now + part.t[1:])
-        q.append(part.q[1:])
-        dq.append(part.dq[1:])
-        ddq.append(part.ddq[1:])
-        now += part.duration
-    return Trajectory(np.concatenate(t), np.concatenate(q), np.concatenate(dq), np.concatenate(ddq), chain.joint_names)
+    return one_after_another(parts)

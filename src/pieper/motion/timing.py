@@ -38,7 +38,7 @@ from pieper.errors import ArrayError, MotionError
 from pieper.kinematics.joints import as_joints
 from pieper.motion import _ruckig
 from pieper.motion._profile import along, profile
-from pieper.motion._retiming import held, one_after_another
+from pieper.motion._retiming import held, joined
 from pieper.motion._windows import AT_ONCE, Bounds, Cut, sizes_at
 from pieper.motion.limits import JointLimits, TcpLimits
 from pieper.motion.trajectory import Trajectory
@@ -112,7 +112,7 @@ def time_waypoints(
         for a, b in itertools.pairwise(points)
         if (np.abs(b - a) / limits.velocity).max() > _REPEATED
     ]
-    return one_after_another(chain, parts, points[-1])
+    return joined(chain, parts, points[-1])
 
 
 def _edge(limits: JointLimits, tcp: TcpLimits | None, start: FloatArray, goal: FloatArray) -> Trajectory:
@@ -194,7 +194,7 @@ def time_path(
         part = _section(path.q[a : b + 1], limits, tcp or TcpLimits())
         if part is not None:
             parts.append(part)
-    return one_after_another(chain, parts, path.q[-1])
+    return joined(chain, parts, path.q[-1])
 
 
 def _section(q: FloatArray, limits: JointLimits, tcp: TcpLimits) -> Trajectory | None:
