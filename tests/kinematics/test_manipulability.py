@@ -246,7 +246,7 @@ def test_singularity_report_means_what_it_says_on_every_robot(name: str) -> None
     report = m.singularity(J, joint_names=chain(name).joint_names)
     moved = (J @ report.joint_motion[..., None])[..., 0]
     np.testing.assert_allclose(np.linalg.norm(moved, axis=-1), report.distance, rtol=0, atol=ROUNDING)
-    seen = (np.swapaxes(J, -1, -2) @ report.tool_motion[..., None])[..., 0]
+    seen = (np.swapaxes(J, -1, -2) @ report.tip_motion[..., None])[..., 0]
     np.testing.assert_allclose(np.linalg.norm(seen, axis=-1), report.distance, rtol=0, atol=ROUNDING)
     assert (np.abs(report.joint_motion).max(axis=-1) == report.joint_motion.max(axis=-1)).all()
     assert str(report) == f"{int(report.near.sum())} of 20 poses are near a singularity"
@@ -262,7 +262,7 @@ def test_batch_shapes_and_parts(batch: tuple[int, ...]) -> None:
             assert whole[i] == pytest.approx(function(J[i]), rel=1e-12)
     report = m.singularity(J)
     assert (report.distance.shape, report.lost.shape) == (batch, batch)
-    assert (report.joint_motion.shape, report.tool_motion.shape) == ((*batch, 7), (*batch, 6))
+    assert (report.joint_motion.shape, report.tip_motion.shape) == ((*batch, 7), (*batch, 6))
     assert report.participation.shape == (*batch, 7)
     assert m.ellipsoid(J).axes.shape == (*batch, 3, 3)
 

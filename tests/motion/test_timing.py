@@ -17,7 +17,7 @@ import pieper
 from pieper.arm import Arm
 from pieper.errors import ArrayError, MissingExtraError, MotionError
 from pieper.kinematics.fk import fk
-from pieper.motion import files, timing
+from pieper.motion import _retiming, files
 from pieper.motion.limits import JointLimits
 from pieper.motion.path import arc_through, join, line, spline
 from pieper.motion.path_ik import follow_path
@@ -198,10 +198,10 @@ def test_a_motion_that_cannot_be_made_to_hold_its_limits_is_refused(monkeypatch)
     chain = robots.chain("ur5e")
     quick = Trajectory([0.0, 0.1], [np.zeros(6), np.ones(6)], np.zeros((2, 6)), np.zeros((2, 6)))
     limits = JointLimits.of(chain)
-    assert max(usage(timing.held(quick, limits, None), limits)) <= HELD
-    monkeypatch.setattr(timing, "_TRIALS", 0)
+    assert max(usage(_retiming.held(quick, limits, None), limits)) <= HELD
+    monkeypatch.setattr(_retiming, "_TRIALS", 0)
     with pytest.raises(MotionError, match="a limit is so small that rounding exceeds it: raise the smallest"):
-        timing.held(quick, limits, None)
+        _retiming.held(quick, limits, None)
 
 
 @pytest.mark.parametrize("limit", ["max_jerk", "max_acceleration"])

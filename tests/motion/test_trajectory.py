@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import BPoly, CubicHermiteSpline
 
 from pieper.errors import ArrayError, UnknownNameError
-from pieper.motion.trajectory import Trajectory
+from pieper.motion.trajectory import Trajectory, one_after_another
 from tests.motion.random_trajectories import KINDS, kinds, random_trajectory, seeds
 
 # Numbers of order 1 over segments of at least 0.1 s: dividing by the length twice makes accelerations of order 1e3.
@@ -172,3 +172,25 @@ def test_other_joints_are_refused(names, error, message):
 def test_a_number_of_columns_that_does_not_fit_is_refused():
     with pytest.raises(ArrayError, match="must have 2 columns, one for each of a, b, got 1"):
         Trajectory([0.0], [[0.0]]).in_order(["a", "b"])
+
+
+def test_motions_one_after_another_rest_between():
+    rest = np.zeros((2, 1))
+    one = Trajectory([0.0, 1.0], [[0.0], [1.0]], rest, rest)
+    two = Trajectory([0.0, 2.0], [[1.0], [-1.0]], rest, rest)
+    both = one_after_another([one, two])
+    assert both.duration == 3.0
+    q, dq, _ = both.sample([0.5, 1.0, 2.0, 3.0])
+    np.testing.assert_allclose(q[:, 0], [0.5, 1.0, 0.0, -1.0], atol=1e-12)
+    assert dq[1] == 0.0
+
+
+def test_motions_that_do_not_meet_are_refused():
+    rest = np.zeros((2, 1))
+    one = Trajectory([0.0, 1.0], [[0.0], [1.0]], rest, rest)
+    with pytest.raises(ArrayError, match="motion 1 must begin where the one before ends"):
+        one_after_another([one, one])
+    with pytest.raises(ArrayError, match="motion 0 must give velocities and accelerations"):
+        one_after_another([Trajectory([0.0, 1.0], [[0.0], [1.0]])])
+    with pytest.raises(ArrayError, match="at least one motion, got none"):
+        one_after_another([])

@@ -246,6 +246,19 @@ def test_D2_XYZ_intrinsic_matrix_and_lock() -> None:
     assert not rotation.gimbal_lock("XYZ", rotation.from_euler("XYZ", [alpha, np.pi, gamma])).locked
 
 
+@pytest.mark.parametrize("angle", [*ANGLES_TO_TRY, *(np.pi - gap for gap in NEAR_PI)])
+def test_quaternions_and_rotation_vectors_are_those_of_scipy(angle: float) -> None:
+    turns = Rotation.from_rotvec(angle * axes(3, 200))
+    R = turns.as_matrix()
+    expected = Rotation.from_matrix(R)
+    for ours, theirs in zip(rotation.as_quaternion(R), expected.as_quat(canonical=True), strict=True):
+        assert up_to_sign(ours, theirs) <= ROUNDING
+        assert ours[3] >= 0.0
+    for ours, theirs in zip(rotation.as_rotation_vector(R), expected.as_rotvec(), strict=True):
+        off = up_to_sign(ours, theirs) if angle > 3.1 else np.abs(ours - theirs).max()
+        assert off <= ROUNDING
+
+
 def test_D2_another_sequence_is_free_where_one_is_locked() -> None:
     """R5: neither a fourth gimbal nor quaternions are the only way out."""
     R = rotation.from_euler("XYZ", [0.4, np.pi / 2, -1.3])

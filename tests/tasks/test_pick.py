@@ -11,14 +11,13 @@ import yaml
 
 from pieper.errors import ArrayError, MotionError, PieperError, UnknownNameError
 from pieper.model.description import Box, Cylinder
-from pieper.motion.trajectory import Trajectory
 
 pytest.importorskip("mujoco", reason="mujoco is not installed")
 
 from pieper.sim.gripper import GripperState
 from pieper.sim.scene import SceneObject, at
 from pieper.tasks import pick_tasks
-from pieper.tasks.mover import DirectMover, one_after_another, timed
+from pieper.tasks.mover import DirectMover, timed
 from pieper.tasks.pick import STAGES, PickAndPlace
 from pieper.tasks.pick_log import PickLog
 
@@ -344,17 +343,6 @@ def test_a_line_that_would_need_another_branch_says_where(kr210):
         MotionError, match=r"the straight line breaks: at \d.* of 4.4 m: joint .joint_2. is at its limit"
     ):
         mover.line(q, kr210.grasp_at(at(-2.2, 0.0, 1.6)))
-
-
-def test_motions_one_after_another_rest_between():
-    rest = np.zeros((2, 1))
-    one = Trajectory([0.0, 1.0], [[0.0], [1.0]], rest, rest)
-    two = Trajectory([0.0, 2.0], [[1.0], [-1.0]], rest, rest)
-    both = one_after_another([one, two])
-    assert both.duration == 3.0
-    q, dq, _ = both.sample([0.5, 1.0, 2.0, 3.0])
-    np.testing.assert_allclose(q[:, 0], [0.5, 1.0, 0.0, -1.0], atol=1e-12)
-    assert dq[1] == 0.0
 
 
 def test_timing_touches_the_tightest_limit():

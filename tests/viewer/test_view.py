@@ -19,10 +19,11 @@ pytest.importorskip("viser", reason="the viewer's extra is not installed")
 
 from viser import _messages
 
+from pieper.atomic_file import write_text
 from pieper.viewer.arm_view import frame_size
 from pieper.viewer.panel import Panel
 from pieper.viewer.server import Server
-from pieper.viewer.view import View, reach, write_whole
+from pieper.viewer.view import View, reach
 
 UR_TYPES = ("ur3", "ur3e", "ur5", "ur5e", "ur10", "ur10e", "ur16e", "ur20")
 
@@ -212,7 +213,7 @@ def test_a_file_that_cannot_be_written_leaves_the_old_one(tmp_path, monkeypatch)
     page = tmp_path / "page.html"
     page.write_text("old", encoding="utf-8")
     with pytest.raises(UnicodeEncodeError):
-        write_whole(page, "half \udcff")
+        write_text(page, "half \udcff")
     assert page.read_text(encoding="utf-8") == "old"
     assert list(tmp_path.iterdir()) == [page]
 

@@ -216,7 +216,9 @@ def _how(steps: list[Step], q: NDArray[np.float64]) -> str:
     """Whether the answer is where the way that is shown ends; it may end outside the joint limits."""
     import numpy as np
 
-    turned = np.abs((q - steps[-1].q + np.pi) % (2.0 * np.pi) - np.pi)
+    from pieper.kinematics.joints import without_turns
+
+    turned = np.abs(without_turns(True, q - steps[-1].q))
     if _came_close(steps) and float(turned.max()) < _SAME_ANSWER:
         return f"in {len(steps) - 1} steps from the start to 0.2 mm, then solved to the last digit"
     return "from another starting point"

@@ -34,7 +34,6 @@ class Plan:
     """How one arm is solved for one kind of target."""
 
     axis_tip: FloatArray | None
-    virtual: int
     method: CompleteMethod | None
     free_dimension: int
     free_joint: int | None
@@ -74,7 +73,7 @@ def _plan_for_position(chain: Chain) -> Plan | None:
         return None
     kinds = ("isolated answers", "curves of answers", "surfaces of answers", "a three-dimensional set of answers")
     words = f"position only, {n} joints: {kinds[n - 3]}" + (", sampled" if n > 3 else "")
-    return Plan(None, 6 - n, method, n - 3, None, words)
+    return Plan(None, method, n - 3, None, words)
 
 
 def _common_direction(chain: Chain) -> FloatArray | None:
@@ -97,7 +96,7 @@ def _plan_in_a_plane(chain: Chain, direction: FloatArray) -> Plan | None:
     words = f"position only, {chain.dof} joints with parallel axes: " + (
         "isolated answers" if turning == 2 else "curves of answers, sampled"
     )
-    return Plan(None, 3 - turning, method, turning - 2, None, words, plane=direction)
+    return Plan(None, method, turning - 2, None, words, plane=direction)
 
 
 def _plan_for_axis(chain: Chain, axis: FloatArray) -> Plan | None:
@@ -113,21 +112,21 @@ def _plan_for_axis(chain: Chain, axis: FloatArray) -> Plan | None:
             return None
         if misfit < _COLLINEAR:
             words = f"position and axis: joint {last!r} turns about the tool axis and is free; the others have isolated answers"
-            return Plan(axis, 0, method, 1, n - 1, words)
-        return Plan(axis, 0, method, 1, None, "position and axis, 6 joints: curves of answers, sampled")
+            return Plan(axis, method, 1, n - 1, words)
+        return Plan(axis, method, 1, None, "position and axis, 6 joints: curves of answers, sampled")
     if misfit < _COLLINEAR:
         words = (
             f"position and axis: joint {last!r} turns about the tool axis and is free; the four others reach axes in the plane "
             "of the arm only"
         )
-        return Plan(axis, 0, complete_method(chain), 1, n - 1, words)
+        return Plan(axis, complete_method(chain), 1, n - 1, words)
     method = complete_method(extended(chain, [axis.tolist()]))
     if (rank < 5 and not badly) or method is None:
         return None
     words = "position and axis, 5 joints: isolated answers"
     if badly:
         words += f"; the tool axis is {misfit:.1g} from the axis of joint {last!r}, so that they are badly conditioned"
-    return Plan(axis, 1, method, 0, None, words, badly)
+    return Plan(axis, method, 0, None, words, badly)
 
 
 def _rank(chain: Chain, axis: FloatArray | None) -> int:

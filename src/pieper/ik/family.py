@@ -28,6 +28,7 @@ import numpy as np
 
 from pieper._native import kernels
 from pieper.errors import ArrayError
+from pieper.kinematics.joints import without_turns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -346,7 +347,7 @@ def run_self_test(chain: Chain, family: Family) -> SelfTest:
     grid = rng.integers(-1, 3, (_GRID_POSES, chain.dof)) * (np.pi / 2)
     T = chain.native.fk(np.concatenate([q, grid]))
     answers, valid, position, rotation, doubtful = chain.native.solve_closed_form(family.native, T, 1e-9, 1e-9, 1)
-    apart = np.abs(np.remainder(answers[:_RANDOM_POSES] - q[:, None] + np.pi, 2 * np.pi) - np.pi).max(axis=-1)
+    apart = np.abs(without_turns(True, answers[:_RANDOM_POSES] - q[:, None])).max(axis=-1)
     found = np.any(valid[:_RANDOM_POSES] & (apart < 1e-5), axis=-1) | doubtful[:_RANDOM_POSES]
     reached = valid[_RANDOM_POSES:].any(axis=-1) | doubtful[_RANDOM_POSES:]
     worst = max(position[valid].max(initial=0.0), rotation[valid].max(initial=0.0))

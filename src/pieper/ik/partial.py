@@ -38,7 +38,7 @@ from pieper.ik.family import size_of
 from pieper.ik.numeric import solve_numeric
 from pieper.ik.projection import Projections, angle_between, project, spread_joints, unlimited, wrapped
 from pieper.ik.target import Target
-from pieper.kinematics.joints import as_joints
+from pieper.kinematics.joints import as_joints, without_turns
 from pieper.spatial._checks import poses, whole_number
 from pieper.spatial.twist import exp
 
@@ -184,15 +184,7 @@ def solve_partial(
         _require_positive(value, name)
     T = poses(target.T_base_tip, "T_base_tip")
     shape = T.shape[:-2]
-    seeds = None
-    if seed is not None:
-        seeds = as_joints(chain, seed, name="seed")
-        try:
-            seeds = np.ascontiguousarray(np.broadcast_to(seeds, (*shape, chain.dof))).reshape(-1, chain.dof)
-        except ValueError:
-            raise ArrayError(
-                f"seed must have leading axes that broadcast to {shape}, got shape {seeds.shape}"
-            ) from None
+    seeds = None if seed is None else _seed_for_each(chain, seed, shape)
     flat = np.ascontiguousarray(T.reshape(-1, 4, 4))
     problem = _Problem(chain, target, plan, position_tolerance, rotation_tolerance, workers)
     chunk = max(1, _AT_ONCE // m) if plan.sampled else _AT_ONCE
@@ -200,21 +192,12 @@ def solve_partial(
     for start in range(0, max(1, len(flat)), chunk):
         some = slice(start, start + chunk)
         parts.append(_solve(problem, flat[some], None if seeds is None else seeds[some], m))
-    k = max(part.q.shape[1] for part in parts)
-    q, valid, position, rotation = (
-        np.concatenate([_padded(array, k) for array in arrays])
-        for arrays in zip(*(part[:4] for part in parts), strict=True)
-    )
-    nearest = None
-    if parts[0].nearest is not None:
-        columns = zip(*(part.nearest[:6] for part in parts if part.nearest is not None), strict=True)
-        joined = (np.concatenate(arrays) for arrays in columns)
-        nearest = Projections._make([*(array.reshape((*shape, *array.shape[1:])) for array in joined), False])
+    q, valid, position, rotation, nearest = _joined(parts, shape)
     return PartialSolutions(
-        q.reshape(*shape, k, chain.dof),
-        valid.reshape(*shape, k),
-        position.reshape(*shape, k),
-        rotation.reshape(*shape, k),
+        q,
+        valid,
+        position,
+        rotation,
         complete=not plan.sampled and all(part.complete for part in parts),
         free_dimension=plan.free_dimension,
         free_joint=plan.free_joint,
@@ -228,13 +211,42 @@ def _require_positive(value: object, name: str) -> None:
         raise ArrayError(f"{name} must be a positive number, got {value!r}")
 
 
+def _seed_for_each(chain: Chain, seed: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """(N, n): one seed for each target."""
+    seeds = as_joints(chain, seed, name="seed")
+    try:
+        return np.ascontiguousarray(np.broadcast_to(seeds, (*shape, chain.dof))).reshape(-1, chain.dof)
+    except ValueError:
+        raise ArrayError(f"seed must have leading axes that broadcast to {shape}, got shape {seeds.shape}") from None
+
+
+def _joined(
+    parts: list[_Part], shape: tuple[int, ...]
+) -> tuple[FloatArray, BoolArray, FloatArray, FloatArray, Projections | None]:
+    """The answers of all chunks, with as many places for each target, and the leading axes that the targets had."""
+    k = max(part.q.shape[1] for part in parts)
+    q, valid, position, rotation = (
+        np.concatenate([_padded(array, k) for array in arrays])
+        for arrays in zip(*(part[:4] for part in parts), strict=True)
+    )
+    nearest = None
+    if parts[0].nearest is not None:
+        columns = zip(*(part.nearest[:6] for part in parts if part.nearest is not None), strict=True)
+        joined = (np.concatenate(arrays) for arrays in columns)
+        nearest = Projections._make([*(array.reshape((*shape, *array.shape[1:])) for array in joined), False])
+    return (
+        q.reshape(*shape, k, q.shape[-1]),
+        valid.reshape(*shape, k),
+        position.reshape(*shape, k),
+        rotation.reshape(*shape, k),
+        nearest,
+    )
+
+
 def _padded(array: NDArray, k: int) -> NDArray:  # type: ignore[type-arg]
     """(N, k, ...) from fewer places."""
     wider = [(0, 0), (0, k - array.shape[1])] + [(0, 0)] * (array.ndim - 2)
     return np.pad(array, wider, constant_values=False if array.dtype == bool else np.nan)
-
-
-# What to do for an arm
 
 
 # One chunk of targets
@@ -346,7 +358,7 @@ def _solve(problem: _Problem, T: FloatArray, seeds: FloatArray | None, samples: 
     valid = np.zeros((len(T), k), dtype=bool)
     valid[which, place] = True
     if nearest is not None:
-        nearest = _without(nearest, np.asarray(valid.any(axis=-1)))
+        nearest = _of_missed(nearest, np.asarray(valid.any(axis=-1)))
     return _Part(padded[0], valid, padded[1], padded[2], complete, nearest)
 
 
@@ -400,7 +412,7 @@ def _scattered(nearest: Projections, where: BoolArray) -> Projections:
     return Projections._make([*arrays, nearest.complete])
 
 
-def _without(nearest: Projections, reached: BoolArray) -> Projections:
+def _of_missed(nearest: Projections, reached: BoolArray) -> Projections:
     """Projections of those targets alone that have no answer; the others are within reach."""
     kept = _scattered(Projections._make([*(part[~reached] for part in nearest[:6]), nearest.complete]), ~reached)
     kept.out_of_reach[reached] = 0.0
@@ -415,8 +427,7 @@ def _repeated(chain: Chain, q: FloatArray, which: NDArray[np.intp], count: int, 
     room[which, place] = q
     again = np.zeros((count, most), dtype=bool)
     for step in range(1, most if everywhere else min(most, 2 * _NEAREST_SAMPLES)):
-        apart = room[:, step:] - room[:, :-step]
-        apart = np.where(chain.is_revolute, np.remainder(apart + np.pi, _TURN) - np.pi, apart)
+        apart = without_turns(chain.is_revolute, room[:, step:] - room[:, :-step])
         with np.errstate(invalid="ignore"):
             again[:, step:] |= np.abs(apart).max(axis=-1) < _SAME
     return np.asarray(again[which, place])

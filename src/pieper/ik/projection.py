@@ -43,6 +43,7 @@ from pieper.ik.numeric import solve_numeric
 from pieper.ik.prepared import prepared
 from pieper.ik.target import Target, ignore_orientation
 from pieper.ik.virtual_joint import complete_method, extended, family_of
+from pieper.kinematics.joints import without_turns
 from pieper.spatial import angle as _angle
 from pieper.spatial import rotation as _rotation
 from pieper.spatial._checks import poses
@@ -248,8 +249,7 @@ def _collect(
     turning = chain.is_revolute
     double = np.zeros((count, most), dtype=bool)
     for i in range(1, most):
-        apart = everything[:, :i] - everything[:, i, None]
-        apart = np.where(turning, np.remainder(apart + np.pi, _TURN) - np.pi, apart)
+        apart = without_turns(turning, everything[:, :i] - everything[:, i, None])
         with np.errstate(invalid="ignore"):
             double[:, i] = ((np.abs(apart).max(axis=-1) < _SAME) & ~double[:, :i]).any(axis=-1)
     distinct = ~double[which, place]
@@ -388,8 +388,7 @@ def _starts_of_branches(
     inner, outer = np.arccos(np.clip(highest, -1.0, 1.0)), np.arccos(np.clip(lowest, -1.0, 1.0))
     offset = np.angle(y) - np.angle(d)  # phi = psi + offset
     free, cosine, sine = _trace_terms(chain, arm, goal, which, q1, q5)
-    best = np.arctan2(sine, cosine) - offset
-    best = np.remainder(best + np.pi, _TURN) - np.pi
+    best = without_turns(True, np.arctan2(sine, cosine) - offset)
     inside = (np.abs(best) >= inner) & (np.abs(best) <= outer)
     kinds = [(best, inside)]
     for edge, real, outwards in ((outer, lowest > -1.0, 1.0), (inner, highest < 1.0, -1.0)):

@@ -21,6 +21,7 @@ from pieper.ik.numeric import require_counts, require_tolerances, solve_numeric
 from pieper.ik.question import ask
 from pieper.ik.solutions import IKSolutions, Nearest, Status
 from pieper.ik.target import Target
+from pieper.kinematics.joints import without_turns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -521,8 +522,7 @@ class Solver:
         branch[:, :places] = answers.branch[rows]
         turning = self.chain.is_revolute
         for k in range(places, q.shape[1]):
-            apart = q[:, :k] - q[:, k : k + 1]
-            apart = np.where(turning, np.remainder(apart + np.pi, 2.0 * np.pi) - np.pi, apart)
+            apart = without_turns(turning, q[:, :k] - q[:, k : k + 1])
             with np.errstate(invalid="ignore"):
                 known = (np.abs(apart).max(axis=-1, initial=0.0) < _SAME).any(axis=-1)
             position[known, k] = np.nan

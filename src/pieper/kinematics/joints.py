@@ -81,3 +81,26 @@ def periodic_joints(chain: Chain) -> NDArray[np.bool_]:
     moves = chain.coupling != 0.0
     whole = np.all(~moves | (chain.is_revolute[:, None] & (chain.coupling == np.round(chain.coupling))), axis=0)
     return np.asarray(whole & moves.any(axis=0))
+
+
+def without_turns(turning: NDArray[np.bool_] | bool, change: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Changes of joint values without whole turns: in [-pi, pi) for joints that turn, as they are for the others.
+
+    Parameters
+    ----------
+    turning : (n,) bool array, or bool
+        Which joints a whole turn brings back.
+    change : (..., n) array
+        [rad or m], a few turns at most; many turns cost digits, see `pieper.spatial.angle.wrap`.
+
+    Returns
+    -------
+    (..., n) array
+        [rad or m].
+
+    Examples
+    --------
+    >>> without_turns(np.array([True, False]), np.array([6.0, 6.0])).round(3)
+    array([-0.283,  6.   ])
+    """
+    return np.where(turning, np.remainder(change + np.pi, 2.0 * np.pi) - np.pi, change)

@@ -1,7 +1,7 @@
 """What the singular values of a Jacobian tell: pseudo-inverse, null space, manipulability, distance to singularity.
 
 Every function takes a Jacobian as a plain array, linear rows first, and any leading axes. With ``J = U diag(s) V^T``
-(Golub and Van Loan), the joint velocity ``V[:, i]`` moves the tool by ``s[i] U[:, i]``; the columns of ``U`` and of ``V`` are
+(Golub and Van Loan), the joint velocity ``V[:, i]`` moves the tip by ``s[i] U[:, i]``; the columns of ``U`` and of ``V`` are
 orthonormal and no singular value is negative.
 
 Rows in metres and rows in radians do not compare. Where a number mixes them, `characteristic_length` says how many
@@ -50,7 +50,7 @@ def pseudo_inverse(J: ArrayLike, *, cutoff: float | None = None) -> FloatArray:
     Returns
     -------
     (..., n, m) array
-        ``pseudo_inverse(J) @ v`` is the shortest joint velocity among those whose tool velocity is nearest `v`.
+        ``pseudo_inverse(J) @ v`` is the shortest joint velocity among those whose tip velocity is nearest `v`.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def rank(J: ArrayLike, *, cutoff: float | None = None) -> NDArray[np.int64]:
 
 
 def null_space(J: ArrayLike, *, cutoff: float | None = None) -> FloatArray:
-    """Joint motions that leave the tool where it is: an orthonormal basis N with ``J N = 0``.
+    """Joint motions that leave the tip where it is: an orthonormal basis N with ``J N = 0``.
 
     Parameters
     ----------
@@ -266,7 +266,7 @@ class Ellipsoid:
 
 
 def ellipsoid(J: ArrayLike, *, part: Literal["linear", "angular", "all"] = "linear") -> Ellipsoid:
-    """Manipulability ellipsoid: where joint velocities of unit length can take the tool (Yoshikawa 1985).
+    """Manipulability ellipsoid: where joint velocities of unit length can take the tip (Yoshikawa 1985).
 
     The set ``{J dq : |dq| <= 1}`` has its axes along the columns of U and the singular values for half axes. Linear
     and angular velocity make two ellipsoids: one over both would depend on the unit of length.
@@ -321,9 +321,9 @@ class Singularity:
     distance : (...) array
         Smallest singular value [-], see `distance_to_singularity`.
     joint_motion : (..., n) array
-        Unit joint velocity that moves the tool least, ``V[:, -1]``; its largest component is positive.
-    tool_motion : (..., m) array
-        Unit tool velocity that is lost, ``U[:, -1]``, weighed: its linear part times the characteristic length is in
+        Unit joint velocity that moves the tip least, ``V[:, -1]``; its largest component is positive.
+    tip_motion : (..., m) array
+        Unit tip velocity that is lost, ``U[:, -1]``, weighed: its linear part times the characteristic length is in
         metres. Its largest component is positive.
     participation : (..., n) array
         Share of each joint in the (nearly) lost directions, from 0 to 1: the root of the sum of squares of its components
@@ -336,7 +336,7 @@ class Singularity:
     near: NDArray[np.bool_]
     distance: FloatArray
     joint_motion: FloatArray
-    tool_motion: FloatArray
+    tip_motion: FloatArray
     participation: FloatArray
     lost: NDArray[np.int64]
     joint_names: tuple[str, ...]
@@ -370,8 +370,8 @@ class Singularity:
         )
         directions = "one direction" if self.lost == 1 else f"{int(self.lost)} directions"
         return (
-            f"near a singularity: smallest singular value {float(self.distance):.3g}, {directions} of tool motion nearly lost; "
-            f"caused by {', '.join(names)} (joint motion that hardly moves the tool: {moves})"
+            f"near a singularity: smallest singular value {float(self.distance):.3g}, {directions} of tip motion nearly lost; "
+            f"caused by {', '.join(names)} (joint motion that hardly moves the tip: {moves})"
         )
 
 
@@ -382,10 +382,10 @@ def singularity(
     threshold: float = 0.01,
     joint_names: Sequence[str] | None = None,
 ) -> Singularity:
-    """Report on the nearest singularity: how far, which joints cause it, which tool motion is lost.
+    """Report on the nearest singularity: how far, which joints cause it, which tip motion is lost.
 
     The right singular vector of the smallest singular value is the joint motion with the least effect: where it is exactly
-    singular those joints move against each other and the tool stands still. The left one is the tool motion
+    singular those joints move against each other and the tip stands still. The left one is the tip motion
     that the joints cannot make.
 
     Parameters
@@ -412,7 +412,7 @@ def singularity(
     Notes
     -----
     For an arm with more joints than rows the free self-motions, which are no singularity, are not counted: see
-    `null_space`. For one with fewer joints than rows, the tool motions that it can never make are not counted either,
+    `null_space`. For one with fewer joints than rows, the tip motions that it can never make are not counted either,
     only those that it loses in this pose. Where several directions are lost at once the single vectors are not determined, their
     span is; then `participation` is what to read.
 
@@ -423,7 +423,7 @@ def singularity(
     >>> report = singularity([[0.0, 0.0], [1.5, 0.5]], joint_names=["shoulder", "elbow"])
     >>> float(report.distance.round(12)), report.joint_motion.round(4)
     (0.0, array([-0.3162,  0.9487]))
-    >>> report.tool_motion
+    >>> report.tip_motion
     array([1., 0.])
     """
     jacobian = _weighed(J, characteristic_length)
@@ -443,7 +443,7 @@ def singularity(
         near=np.asarray(below[..., -1]),
         distance=np.asarray(s[..., -1]),
         joint_motion=_largest_positive(np.swapaxes(Vt, -1, -2)[..., last])[..., 0],
-        tool_motion=_largest_positive(U[..., last])[..., 0],
+        tip_motion=_largest_positive(U[..., last])[..., 0],
         participation=participation,
         lost=np.asarray(below.sum(axis=-1), dtype=np.int64),
         joint_names=names,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, cast, get_args
 import numpy as np
 
 from pieper.errors import ArrayError, DhError
+from pieper.model._arrays import pose_fault
 from pieper.model._dh_pose import move_x, turn_z
 from pieper.model.chain import default_joint_names
 
@@ -26,8 +27,6 @@ JointType: TypeAlias = Literal["revolute", "prismatic", "fixed"]
 CONVENTIONS: tuple[Convention, ...] = get_args(Convention)
 
 JOINT_TYPES: tuple[str, ...] = get_args(JointType)
-
-_ROTATION_TOLERANCE = 1e-9  # as for Chain
 
 
 @dataclass(frozen=True)
@@ -380,12 +379,11 @@ def _array(value: ArrayLike, shape: tuple[int, ...], name: str) -> FloatArray:
 
 def _pose(value: ArrayLike, name: str) -> FloatArray:
     T = _array(value, (4, 4), name)
-    R = T[:3, :3]
-    deviation = float(np.abs(R @ R.T - np.eye(3)).max())
-    if not deviation <= _ROTATION_TOLERANCE or np.linalg.det(R) < 0.0 or not np.isfinite(T).all():
-        raise ArrayError(f"{name} must be a pose; its 3x3 block deviates from a rotation by {deviation:.3g}")
-    if T[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
-        raise ArrayError(f"{name} must have the last row 0 0 0 1, got {T[3].tolist()}")
+    if not np.isfinite(T).all():
+        raise ArrayError(f"{name} must be finite, got {T.tolist()}")
+    fault = pose_fault(T)
+    if fault is not None:
+        raise ArrayError(f"{name} {fault}")
     return T
 
 

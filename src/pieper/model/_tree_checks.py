@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pieper.errors import DescriptionError
+from pieper.model._arrays import pose_fault
 from pieper.model.joint import JOINT_TYPES, MAX_NAME
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from pieper.model.joint import Joint, Link
-
-_ROTATION_TOLERANCE = 1e-9  # as for Chain: ten typed digits pass, a typing error does not
 
 
 def check_tree(
@@ -102,11 +101,9 @@ def _check_joint(source: str, joint: Joint) -> None:
     T = joint.T_parent_joint
     if not np.isfinite(T).all():
         raise fault(f"the origin must be finite, got position {T[:3, 3].tolist()}")
-    deviation = float(np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max())
-    if not deviation <= _ROTATION_TOLERANCE or np.linalg.det(T[:3, :3]) < 0.0:
-        raise fault(f"the origin must be a pose; its 3x3 block deviates from a rotation by {deviation:.3g}")
-    if T[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
-        raise fault(f"the origin must be a pose with the last row 0 0 0 1, got {T[3].tolist()}")
+    no_pose = pose_fault(T)
+    if no_pose is not None:
+        raise fault(f"the origin {no_pose}")
     if joint.type != "fixed" and joint.type != "floating":
         if not np.isfinite(joint.axis).all():
             raise fault(f"the axis must be finite, got {joint.axis.tolist()}")

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pieper.errors import ArrayError, unknown_name
+from pieper.model._arrays import ROTATION_TOLERANCE, pose_fault
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-_UNIT_TOLERANCE = 1e-9  # a unit screw or a rotation typed with ten digits passes, a typing error does not
+_UNIT_TOLERANCE = ROTATION_TOLERANCE  # of a unit screw
 
 
 def _frozen(
@@ -57,15 +58,9 @@ def _frozen(
 def _frozen_pose(value: ArrayLike, name: str) -> FloatArray:
     """A read-only pose, refused unless its rotation is orthonormal to 1e-9 and its last row is 0 0 0 1."""
     T = _frozen(value, (4, 4), name)
-    R = T[:3, :3]
-    deviation = float(np.abs(R @ R.T - np.eye(3)).max())
-    if deviation > _UNIT_TOLERANCE or np.linalg.det(R) < 0.0:
-        raise ArrayError(
-            f"{name} must be a pose: its 3x3 block deviates from a rotation by {deviation:.3g} "
-            f"(determinant {np.linalg.det(R):.3g}); orthonormalise it first"
-        )
-    if not np.array_equal(T[3], [0.0, 0.0, 0.0, 1.0]):
-        raise ArrayError(f"{name} must have the last row 0 0 0 1, got {T[3].tolist()}")
+    fault = pose_fault(T)
+    if fault is not None:
+        raise ArrayError(f"{name} {fault}")
     return T
 
 

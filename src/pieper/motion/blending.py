@@ -24,19 +24,11 @@ import numpy as np
 
 from pieper.errors import ArrayError
 from pieper.kinematics.joints import as_joints
-from pieper.motion.limits import JointLimits
-from pieper.motion.timing import (
-    Bounds,
-    TcpLimits,
-    along,
-    bounds,
-    duration,
-    held,
-    one_after_another,
-    profile,
-    sizes_at,
-    time_waypoints,
-)
+from pieper.motion._profile import along, profile
+from pieper.motion._retiming import held, joined
+from pieper.motion._windows import Bounds, bounds, duration, sizes_at
+from pieper.motion.limits import JointLimits, TcpLimits
+from pieper.motion.timing import time_waypoints
 from pieper.motion.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -288,7 +280,7 @@ class _Corners:
     def trajectory(self) -> Trajectory:
         """The motion."""
         made = [self._timed(self._pieces(a, b), self.points[a], self.points[b]) for a, b in self._stretches()]
-        return one_after_another(self.limits.chain, made, self.points[-1])
+        return joined(self.limits.chain, made, self.points[-1])
 
     def _timed(self, pieces: list[_Piece], start: FloatArray, end: FloatArray) -> Trajectory:
         from scipy.interpolate import PPoly

@@ -1,4 +1,4 @@
-"""What the joints of an arm may do: where they may be, how fast they may turn, how fast that may change."""
+"""What an arm may do: where its joints may be, how fast joints and tip may move, how fast that may change."""
 
 from __future__ import annotations
 
@@ -237,6 +237,37 @@ class JointLimits:
             f"joint {self.chain.joint_names[joint]!r} at {value:.9g} {self._unit(joint)}/s is faster than its limit "
             f"of {self.velocity[joint]:.9g} {self._unit(joint)}/s"
         )
+
+
+@dataclass(frozen=True)
+class TcpLimits:
+    """What the tip may do; infinite where nothing is said.
+
+    Attributes
+    ----------
+    velocity, acceleration, jerk : float
+        Of its origin [m/s, m/s^2, m/s^3].
+    angular_velocity, angular_acceleration : float
+        [rad/s, rad/s^2]
+    """
+
+    velocity: float = np.inf
+    acceleration: float = np.inf
+    jerk: float = np.inf
+    angular_velocity: float = np.inf
+    angular_acceleration: float = np.inf
+
+    def __post_init__(self) -> None:
+        for name in ("velocity", "acceleration", "jerk", "angular_velocity", "angular_acceleration"):
+            value = getattr(self, name)
+            if not (isinstance(value, (int, float, np.number)) and value > 0.0):
+                raise ArrayError(f"the limit {name} of the tip must be above 0, got {value!r}")
+
+    @property
+    def say_something(self) -> bool:
+        """Whether there is a limit at all."""
+        values = (self.velocity, self.acceleration, self.jerk, self.angular_velocity, self.angular_acceleration)
+        return bool(np.isfinite(values).any())
 
 
 def _slides(chain: Chain) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:

@@ -19,7 +19,7 @@ import numpy as np
 from pieper.errors import MissingExtraError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from pieper.model.chain import FloatArray
 
@@ -86,25 +86,62 @@ def search(
     ob, og, ou = _ompl()
     ou.setLogLevel(ou.LOG_NONE)  # it speaks of every search, and complains when it is seeded a second time, which works
     ou.RNG.setSeed(seed)
-    n = len(start)
-    trouble: list[BaseException] = []
+    asked = _Questions(stop)
+    information = _information(ob, bounds, asked, is_free, edge_is_free)
+    problem = _problem(ob, information, start, goals)
+    planner = og.RRTConnect(information)
+    planner.setRange(longest)
+    planner.setProblemDefinition(problem)
+    planner.setup()
+    planner.solve(ob.PlannerTerminationCondition(asked.halted))
+    path = None
+    if problem.hasExactSolution() and not asked.trouble:
+        path = np.array([_values(state, len(start)) for state in problem.getSolutionPath().getStates()])
+    asked.raise_trouble()
+    return path
 
-    def halted() -> bool:
-        return bool(trouble) or stop()
 
-    def guarded(question: Callable[[], bool]) -> bool:
-        """No exception may pass through OMPL: it is kept, ends the search, and is raised after."""
-        if trouble:
+class _Questions:
+    """What OMPL asks. No exception may pass through it: the first is kept, ends the search, and is raised after."""
+
+    def __init__(self, stop: Callable[[], bool]) -> None:
+        self._stop = stop
+        self.trouble: list[BaseException] = []
+
+    def halted(self) -> bool:
+        return bool(self.trouble) or self._stop()
+
+    def answer(self, question: Callable[[], bool]) -> bool:
+        if self.trouble:
             return False
         try:
             return question()
         except BaseException as raised:  # noqa: BLE001  raised again below
-            trouble.append(raised)
+            self.trouble.append(raised)
             return False
 
-    def values(state: Any) -> FloatArray:
-        return np.array([state[i] for i in range(n)])
+    def raise_trouble(self) -> None:
+        if self.trouble:
+            caught = self.trouble.pop()
+            try:
+                raise caught
+            finally:
+                del caught  # its frames hold the objects of OMPL, which would live as long as the process
 
+
+def _values(state: Any, n: int) -> FloatArray:
+    return np.array([state[i] for i in range(n)])
+
+
+def _information(
+    ob: Any,
+    bounds: tuple[FloatArray, FloatArray],
+    asked: _Questions,
+    is_free: Callable[[FloatArray], bool],
+    edge_is_free: Callable[[FloatArray, FloatArray], bool],
+) -> Any:
+    """The space between the bounds, and who says what is free in it."""
+    n = len(bounds[0])
     space = ob.RealVectorStateSpace(n)
     box = ob.RealVectorBounds(n)
     for i in range(n):
@@ -112,16 +149,22 @@ def search(
         box.setHigh(i, float(bounds[1][i]))
     space.setBounds(box)
     information = ob.SpaceInformation(space)
-    information.setStateValidityChecker(lambda state: guarded(lambda: is_free(values(state))))
+    information.setStateValidityChecker(lambda state: asked.answer(lambda: is_free(_values(state, n))))
     information.setMotionValidator(
-        _whole_edges(ob)(information, lambda a, b: guarded(lambda: edge_is_free(values(a), values(b))))
+        _whole_edges(ob)(information, lambda a, b: asked.answer(lambda: edge_is_free(_values(a, n), _values(b, n))))
     )
     information.setup()
+    return information
 
-    def state_of(q: Sequence[float] | FloatArray) -> Any:
+
+def _problem(ob: Any, information: Any, start: FloatArray, goals: FloatArray) -> Any:
+    """From the start to any of the goals."""
+    space = information.getStateSpace()
+
+    def state_of(q: FloatArray) -> Any:
         state = space.allocState()
-        for i in range(n):
-            state[i] = float(q[i])
+        for i, value in enumerate(q.tolist()):
+            state[i] = value
         return state
 
     problem = ob.ProblemDefinition(information)
@@ -130,19 +173,4 @@ def search(
     for goal in goals:
         aims.addState(state_of(goal))
     problem.setGoal(aims)
-    planner = og.RRTConnect(information)
-    planner.setRange(longest)
-    planner.setProblemDefinition(problem)
-    planner.setup()
-    planner.solve(ob.PlannerTerminationCondition(halted))
-    path = None
-    if problem.hasExactSolution() and not trouble:
-        found = problem.getSolutionPath()
-        path = np.array([values(state) for state in found.getStates()])
-    if trouble:
-        caught = trouble.pop()
-        try:
-            raise caught
-        finally:
-            del caught  # its frames hold the objects of OMPL, which would live as long as the process
-    return path
+    return problem

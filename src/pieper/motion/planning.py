@@ -6,6 +6,7 @@ checked all along in metric steps (`pieper.motion.edges`), and the path that is 
 
 from __future__ import annotations
 
+import itertools
 import operator
 import time
 from dataclasses import dataclass, field
@@ -372,39 +373,18 @@ class _Task:
 
     def choose_goals(self, goal: ArrayLike | Target, approach: FloatArray | None) -> Plan | None:
         """Take the goals that can be aimed at, or say why there are none."""
-        chain = self.model.chain
-        is_pose = not isinstance(goal, Target) and _is_pose(goal, chain.dof)
+        is_pose = not isinstance(goal, Target) and _is_pose(goal, self.model.chain.dof)
         if approach is not None and not is_pose:
             raise ArrayError(
                 "approach goes with a goal that is a pose (4, 4); joint values say nothing of the way there"
             )
         if is_pose or isinstance(goal, Target):
-            aim = goal if isinstance(goal, Target) else poses(goal, "goal")
-            answers = solve(chain, aim, seed=self.start)
-            if answers.status.ndim:
-                raise ArrayError(f"goal must be one pose (4, 4), got a batch of shape {answers.status.shape}")
-            candidates = []
-            for candidate in answers.copies(seed=self.start):
-                candidates.append(candidate)
-                if len(candidates) >= 4 * MOST_GOALS:
-                    break
-            if not candidates:
-                status = "goal out of limits" if answers.valid.any() else "goal out of reach"
-                return self.failed(status, answers.reason)
-            vectors = np.array(candidates)
-            words = f"all {len(vectors)} joint vectors of the goal pose are too near to something; at the best of them"
+            found = self._solutions(goal if isinstance(goal, Target) else poses(goal, "goal"))
         else:
-            vectors = stack(goal, (chain.dof,), "goal")
-            if vectors.ndim > 2 or vectors.size == 0:
-                raise ArrayError(
-                    f"goal must have shape ({chain.dof},), (g, {chain.dof}) or (4, 4), got {vectors.shape}"
-                )
-            vectors = vectors.reshape(-1, chain.dof)
-            outside = [_outside(chain, vector) for vector in vectors]
-            if all(outside):
-                return self.failed("goal out of limits", outside[0])
-            vectors = vectors[[not words for words in outside]]
-            words = "at the goal" if len(vectors) == 1 else f"at the best of {len(vectors)} goals"
+            found = self._within_limits(goal)
+        if isinstance(found, Plan):
+            return found
+        vectors, words = found
         free = np.atleast_1d(self.model.is_free(vectors))
         if not free.any():
             nearest = max((self.model.distance(vector) for vector in vectors), key=lambda pair: pair.distance)
@@ -413,6 +393,32 @@ class _Task:
         if approach is None or isinstance(goal, Target):
             return None
         return self._approach_first(poses(goal, "goal"), approach)
+
+    def _solutions(self, aim: FloatArray | Target) -> tuple[FloatArray, str] | Plan:
+        """The joint vectors of a pose, nearest to the start first, and what to call them; or why there are none."""
+        answers = solve(self.model.chain, aim, seed=self.start)
+        if answers.status.ndim:
+            raise ArrayError(f"goal must be one pose (4, 4), got a batch of shape {answers.status.shape}")
+        vectors = np.array(list(itertools.islice(answers.copies(seed=self.start), 4 * MOST_GOALS)))
+        if not len(vectors):
+            return self.failed("goal out of limits" if answers.valid.any() else "goal out of reach", answers.reason)
+        return (
+            vectors,
+            f"all {len(vectors)} joint vectors of the goal pose are too near to something; at the best of them",
+        )
+
+    def _within_limits(self, goal: ArrayLike) -> tuple[FloatArray, str] | Plan:
+        """Those of the given joint vectors that are within the limits, and what to call them; or why there are none."""
+        chain = self.model.chain
+        vectors = stack(goal, (chain.dof,), "goal")
+        if vectors.ndim > 2 or vectors.size == 0:
+            raise ArrayError(f"goal must have shape ({chain.dof},), (g, {chain.dof}) or (4, 4), got {vectors.shape}")
+        vectors = vectors.reshape(-1, chain.dof)
+        outside = [_outside(chain, vector) for vector in vectors]
+        if all(outside):
+            return self.failed("goal out of limits", outside[0])
+        vectors = vectors[[not words for words in outside]]
+        return vectors, "at the goal" if len(vectors) == 1 else f"at the best of {len(vectors)} goals"
 
     def _approach_first(self, T: FloatArray, approach: FloatArray) -> Plan | None:
         """Aim at where the approach begins; keep the goals, to be added in the end."""

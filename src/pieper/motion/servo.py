@@ -30,8 +30,8 @@ from pieper.ik.numeric import solve_numeric
 from pieper.ik.solutions import Status
 from pieper.ik.solve import solver
 from pieper.model.chain import Chain
+from pieper.motion import _ruckig
 from pieper.motion.limits import JointLimits
-from pieper.motion.timing import _ruckig
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -129,7 +129,7 @@ class Servo:
         self.held: Held | None = None
         start = self.limits.check_position(q).tolist()
         n = chain.dof
-        ruckig = _ruckig()
+        ruckig = _ruckig.module()
         self._failures = (ruckig.Result.Error, ruckig.Result.ErrorInvalidInput)
         self._raised = (ruckig.RuckigError, ValueError)  # ValueError: a result that its Python has no name for
         self._ruckig, self._braking = ruckig.Ruckig(n, 1.0 / self.rate), ruckig.Ruckig(n, 1.0 / self.rate)

@@ -337,3 +337,39 @@ class Trajectory:
         columns = [self.joint_names.index(name) for name in wanted]
         dq, ddq = (None if values is None else values[:, columns] for values in (self.dq, self.ddq))
         return Trajectory(self.t, self.q[:, columns], dq, ddq, wanted)
+
+
+def one_after_another(moves: Sequence[Trajectory]) -> Trajectory:
+    """Motions from rest to rest as one.
+
+    Parameters
+    ----------
+    moves : sequence of Trajectory
+        At least one; each begins where the one before ends, and all give velocities and accelerations.
+
+    Returns
+    -------
+    Trajectory
+        It begins when the first one does.
+
+    Raises
+    ------
+    ArrayError
+        There are none, one gives no velocities or accelerations, or begins elsewhere.
+    """
+    if not moves:
+        raise ArrayError("one_after_another needs at least one motion, got none")
+    t, q, dq, ddq = [moves[0].t[:1]], [moves[0].q[:1]], [], []
+    for number, move in enumerate(moves):
+        if move.dq is None or move.ddq is None:
+            raise ArrayError(f"motion {number} must give velocities and accelerations, as those that are timed do")
+        if not np.allclose(q[-1][-1], move.q[0]):
+            raise ArrayError(f"motion {number} must begin where the one before ends, {q[-1][-1]}, got {move.q[0]}")
+        first = 0 if number == 0 else 1
+        t.append(t[-1][-1] + move.t[1:] - move.t[0])
+        q.append(move.q[1:])
+        dq.append(move.dq[first:])
+        ddq.append(move.ddq[first:])
+    return Trajectory(
+        np.concatenate(t), np.concatenate(q), np.concatenate(dq), np.concatenate(ddq), moves[0].joint_names
+    )

@@ -74,13 +74,7 @@ def as_quaternion(R: ArrayLike) -> FloatArray:
     >>> as_quaternion([[-1, 0, 0], [0, 1, 0], [0, 0, -1]])  # half a turn about y
     array([0., 1., 0., 0.])
     """
-    from scipy.spatial.transform import Rotation
-
-    matrix = rotations(R, "R")
-    if matrix.size == 0:
-        return np.empty((*matrix.shape[:-2], 4))
-    quaternion: FloatArray = Rotation.from_matrix(matrix.reshape(-1, 3, 3)).as_quat(canonical=True)
-    return quaternion.reshape(*matrix.shape[:-2], 4) + 0.0  # + 0.0 turns -0.0 into 0.0
+    return quaternion_from_matrix(rotations(R, "R"))
 
 
 def quaternion_from_matrix(R: FloatArray) -> FloatArray:

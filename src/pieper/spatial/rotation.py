@@ -40,6 +40,7 @@ from pieper.spatial.quaternion import (
     normalised,
     quaternion_angle,
     quaternion_from_matrix,
+    rotation_vector_from_quaternion,
     unit_and_length,
 )
 
@@ -110,13 +111,7 @@ def as_rotation_vector(R: ArrayLike) -> FloatArray:
     >>> as_rotation_vector([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
     array([0.        , 0.        , 1.57079633])
     """
-    from scipy.spatial.transform import Rotation
-
-    quaternion = as_quaternion(R)
-    if quaternion.size == 0:
-        return np.empty((*quaternion.shape[:-1], 3))
-    vector: FloatArray = Rotation.from_quat(quaternion.reshape(-1, 4)).as_rotvec()
-    return vector.reshape(*quaternion.shape[:-1], 3)
+    return rotation_vector_from_quaternion(as_quaternion(R))
 
 
 def from_gibbs(gibbs: ArrayLike) -> FloatArray:

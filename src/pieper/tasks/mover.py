@@ -16,7 +16,7 @@ from pieper.errors import MotionError
 from pieper.ik.target import position_and_axis
 from pieper.motion.joint_move import joint_move
 from pieper.motion.limits import JointLimits
-from pieper.motion.trajectory import Trajectory
+from pieper.motion.trajectory import Trajectory, one_after_another
 from pieper.tasks.tip_line import tip_line
 
 if TYPE_CHECKING:
@@ -199,17 +199,3 @@ def timed(
     )  # between the samples it is a little more
     dq[0], dq[-1], ddq[0], ddq[-1] = 0.0, 0.0, 0.0, 0.0
     return Trajectory(u * duration, q, dq / duration, ddq / duration**2, joint_names)
-
-
-def one_after_another(moves: list[Trajectory]) -> Trajectory:
-    """Motions from rest to rest as one; each begins where the one before ends, and all give velocities and accelerations."""
-    t, rows = [moves[0].t], [slice(None)]
-    for before, move in pairwise(moves):
-        t.append(t[-1][-1] + move.t[1:] - move.t[0])
-        rows.append(slice(1, None))
-        assert np.allclose(before.q[-1], move.q[0])
-    q, dq, ddq = (
-        np.concatenate([np.asarray(getattr(move, name))[row] for move, row in zip(moves, rows, strict=True)])
-        for name in ("q", "dq", "ddq")
-    )
-    return Trajectory(np.concatenate(t), q, dq, ddq, moves[0].joint_names)

@@ -9,7 +9,7 @@ import numpy as np
 from pieper.errors import ArrayError
 from pieper.ik.solve import solve
 from pieper.kinematics.fk import fk_frames
-from pieper.kinematics.joints import as_joints
+from pieper.kinematics.joints import as_joints, without_turns
 from pieper.spatial import rotation
 from pieper.viewer.compare import Comparison
 from pieper.viewer.figure_joints import sliding_joints
@@ -197,7 +197,7 @@ def _other_answers(both: Comparison, q: FloatArray) -> FloatArray:
 
 def _least_turn(arm: Arm, change: FloatArray) -> FloatArray:
     """Changes of joint values, without whole turns."""
-    return np.where(sliding_joints(arm), change, (change + np.pi) % (2.0 * np.pi) - np.pi)
+    return without_turns(~sliding_joints(arm), change)
 
 
 def _thousandth(arm: Arm) -> str:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pieper.atomic_file import replacing
+from pieper.atomic_file import write_text
 from pieper.errors import PieperError
 from pieper.kinematics.joints import as_joints
 from pieper.motion.robot import RobotState
@@ -259,7 +259,7 @@ class View:
 
     def export(self, path: str | os.PathLike[str]) -> None:
         """Write `as_html` to a file, whole or not at all."""
-        write_whole(path, self.as_html())
+        write_text(path, self.as_html())
 
 
 class AtOnce:
@@ -302,9 +302,3 @@ def middle_of(arm: Arm, q: FloatArray) -> FloatArray:
     """The middle of an arm at `q`, (3,) [m]."""
     points = arm.fk_frames(q)[:, :3, 3]
     return np.asarray(0.5 * (points.min(axis=0) + points.max(axis=0)))
-
-
-def write_whole(path: str | os.PathLike[str], text: str) -> None:
-    """Write a file so that whoever reads it finds the old one or the new one."""
-    with replacing(path) as unfinished:
-        unfinished.write_text(text, encoding="utf-8")
