@@ -172,6 +172,7 @@ def test_an_order_to_end_does_not_wait_for_a_film(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.usefixtures("can_draw")
 def test_by_sight(capsys, tmp_path):
     pytest.importorskip("cv2", reason="OpenCV is not installed")
     film = tmp_path / "see.gif"
