@@ -37,6 +37,13 @@ PLACEHOLDER = re.compile(r"(?<![\w-])[A-Z][A-Z0-9]*(?![\w.])|\.\.\.")  # `pieper
 DOTTED = re.compile(r"pieper(?:\.[A-Za-z_]\w*)+")
 NAMED_FILE = re.compile(r"^```yaml\n# (\S+\.yaml)\b.*?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 QUICK = ("docs/guides/planning.md", "docs/guides/pictures.md")  # their commands, but for films, run in a few seconds
+# Pages that skip where these cannot be had: packages, or something that draws without a screen.
+NEEDED = {
+    "docs/guides/pick_and_place.md": ("ompl",),
+    "docs/guides/pictures.md": ("OpenGL",),
+    "docs/guides/planning.md": ("ompl",),
+    "docs/guides/see_and_reach.md": ("OpenGL",),
+}
 LINK = re.compile(r"\]\((?!https?://|#)([^)#\s]+)[^)]*\)")
 
 
@@ -88,7 +95,19 @@ def name(page: Path) -> str:
     return page.relative_to(ROOT).as_posix()
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p)], ids=name)
+@pytest.fixture
+def page(request: pytest.FixtureRequest) -> Path:
+    """A page, where what it needs is there."""
+    wanted: Path = request.param
+    for package in NEEDED.get(name(wanted), ()):
+        if package == "OpenGL":
+            request.getfixturevalue("can_draw")
+        else:
+            pytest.importorskip(package, reason=f"{package} is not installed")
+    return wanted
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p)], ids=name, indirect=True)
 def test_blocks_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)  # what a block writes stays out of the repository
     namespace: dict[str, object] = {"__name__": "__main__"}
@@ -115,7 +134,7 @@ def run_block(
     namespace.update(example.globs)
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if commands(p)], ids=name)
+@pytest.mark.parametrize("page", [p for p in PAGES if commands(p)], ids=name, indirect=True)
 def test_commands_print_what_is_said(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
@@ -145,7 +164,7 @@ def test_a_command_with_an_option_that_is_not_there_is_found(monkeypatch: pytest
     assert "--roll" in said
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if name(p) in QUICK], ids=name)
+@pytest.mark.parametrize("page", [p for p in PAGES if name(p) in QUICK], ids=name, indirect=True)
 def test_quick_commands_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for file, text in NAMED_FILE.findall(page.read_text(encoding="utf-8")):

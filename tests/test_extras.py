@@ -270,6 +270,8 @@ def behind(folder) -> dict[str, list[dict[str, Any]]]:
 
 @pytest.mark.parametrize("package", BEHIND)
 def test_behind_another_package(behind, package: str) -> None:
+    if package == "rosbags":
+        pytest.importorskip("cyclonedds", reason="cyclonedds, the first to be missed, is not installed")
     for case, answer in zip(BEHIND[package], behind[package], strict=True):
         check(case, answer)
 

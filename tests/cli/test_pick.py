@@ -144,6 +144,7 @@ def test_ctrl_c_keeps_what_was_done(tmp_path):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="orders to end are signals elsewhere")
+@pytest.mark.usefixtures("can_draw")
 def test_an_order_to_end_does_not_wait_for_a_film(tmp_path):
     film = tmp_path / "film.gif"
     command = [
@@ -172,6 +173,7 @@ def test_an_order_to_end_does_not_wait_for_a_film(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.usefixtures("can_draw")
 def test_by_sight(capsys, tmp_path):
     pytest.importorskip("cv2", reason="OpenCV is not installed")
     film = tmp_path / "see.gif"

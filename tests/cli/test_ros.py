@@ -242,7 +242,7 @@ def test_a_missing_extra_has_its_own_code(pieper_command, monkeypatch):
 
 @pytest.mark.parametrize("package", ["cyclonedds", "rosbags"])
 def test_each_package_of_the_extra_is_named_when_it_is_missing(package):
-    pytest.importorskip("cyclonedds")  # the first to be missed
+    pytest.importorskip("cyclonedds", reason="cyclonedds, the first to be missed, is not installed")
     code = (
         "import sys\n"
         "from importlib.machinery import PathFinder\n"

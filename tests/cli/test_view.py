@@ -92,8 +92,9 @@ def test_it_prints_its_address_and_ends_when_asked(number):
         url = re.search(r"http://127\.0\.0\.1:\d+/\?token=\S+", "".join(lines))[0]
         with urllib.request.urlopen(url, timeout=STARTING) as answer:
             assert answer.status == 200
-        with pytest.raises(urllib.error.HTTPError, match="403"):
+        with pytest.raises(urllib.error.HTTPError, match="403") as refused:
             urllib.request.urlopen(url.partition("?")[0], timeout=STARTING)
+        refused.value.close()
         process.send_signal(number)
         _, complaint = process.communicate(timeout=STARTING)
     finally:

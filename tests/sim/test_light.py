@@ -30,6 +30,7 @@ def picture(robot, **light):
         return view.image().astype(float)
 
 
+@pytest.mark.usefixtures("can_draw")
 def test_stronger_and_coloured_light_is_seen(robot):
     dim, bright = (picture(robot, strength=s, ambient=0.2, shadows=False) for s in (0.1, 0.4))
     assert bright.mean() > 1.3 * dim.mean()
@@ -37,6 +38,7 @@ def test_stronger_and_coloured_light_is_seen(robot):
     assert red[..., 0].mean() > 1.5 * red[..., 2].mean()
 
 
+@pytest.mark.usefixtures("can_draw")
 def test_shadows_fall_away_from_the_lamp(robot):
     east, west, none = (
         picture(robot, direction=[x, 0.0, -1.0], strength=0.5, ambient=0.2, shadows=shadows)
@@ -69,6 +71,7 @@ def test_bad_light():
         SceneLight(strength=np.nan)
 
 
+@pytest.mark.usefixtures("can_draw")
 def test_a_picture_is_printed_on_the_upper_side_of_a_box():
     """Rows from +y, columns from -x: red at the corner -x +y, green at +x +y, blue at -x -y."""
     picture = np.zeros((64, 96, 3), np.uint8)

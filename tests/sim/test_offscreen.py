@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import types
 
 import pytest
 
@@ -45,6 +46,26 @@ def test_a_mujoco_that_does_not_load_is_said(monkeypatch):
     monkeypatch.setattr(sys, "meta_path", [Broken(), *sys.meta_path])
     with pytest.raises(MissingLibraryError, match=r"mujoco is installed but does not load: invalid value .* x11"):
         offscreen.import_mujoco()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the choice of libraries is one of Linux")
+def test_a_gl_library_that_does_not_start_is_named_and_no_more(monkeypatch):
+    """MuJoCo's contexts clean up after themselves with an attribute that they lack when they have failed."""
+
+    class GLContext:
+        def __init__(self, width, height):
+            raise RuntimeError("no such display")
+
+        def __del__(self):  # what it raises is a warning, and so fails the test
+            assert not self._context
+
+    module = types.ModuleType("mujoco.osmesa")
+    module.GLContext = GLContext
+    monkeypatch.setitem(sys.modules, "mujoco.osmesa", module)
+    monkeypatch.setenv("PYOPENGL_PLATFORM", "osmesa")
+    monkeypatch.setenv("MUJOCO_GL", "osmesa")
+    with pytest.raises(MissingLibraryError, match=r"libosmesa6 \(osmesa: no such display\)"):
+        offscreen.gl_context(16, 16)
 
 
 @pytest.mark.usefixtures("can_draw")

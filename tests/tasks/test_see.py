@@ -18,6 +18,8 @@ from pieper.spatial import pose
 from pieper.tasks import see
 from pieper.tasks.see_film import SeeRecording, drawn_look, told, with_inset
 
+pytestmark = pytest.mark.usefixtures("can_draw")
+
 CAMERA_OFF = 1e-3  # [m] 0.05 to 0.4 mm was measured over four seeds and two arms
 CAN_OFF = 4e-3  # [m] 2.2 mm was the worst of 1080 looks
 

@@ -265,11 +265,13 @@ def _recording(run: PickAndPlace, fps: float, speed: float, size: tuple[int, int
     from pieper.tasks.see import SeeAndPick
     from pieper.tasks.see_film import SeeRecording
 
+    if isinstance(run, SeeAndPick):
+        kept: Recording = SeeRecording(run, fps=fps, speed=speed)
+    else:
+        kept = Recording(run.robot, fps=fps, speed=speed)
     with SceneView(run.robot, size=size):
         pass
-    if isinstance(run, SeeAndPick):
-        return SeeRecording(run, fps=fps, speed=speed)
-    return Recording(run.robot, fps=fps, speed=speed)
+    return kept
 
 
 def _write_task(arm: str, file: Path | None, path: Path) -> int:

@@ -98,7 +98,8 @@ def _linux_context(name: str, width: int, height: int) -> Any:
             from mujoco.egl import GLContext
         else:
             from mujoco.osmesa import GLContext
-        return GLContext(width, height)
+        # What failed in its beginning is cleaned up as well, and asks for this attribute then.
+        return type("Context", (GLContext,), {"_context": None})(width, height)
     except Exception:
         if before is None:
             os.environ.pop("PYOPENGL_PLATFORM", None)
