@@ -50,6 +50,16 @@ def test_without_arguments_it_helps(pieper_command) -> None:
         (["fkk", "mh12"], "no verb 'fkk'; did you mean 'fk'?"),
         (["fk"], "Missing argument 'ARM'; see: pieper fk --help"),
         (["fk", "mh12", "0", "zero"], "see: pieper fk --help"),
+        (
+            ["fk", "mh12", "0.1,-0.2,3e-1"],
+            "'Q1 Q2 ...': numbers stand apart here, as in 0.1 -0.2 3e-1, got 0.1,-0.2,3e-1; see: pieper fk --help",
+        ),
+        (["ik", "mh12", "0.3,0.3,0.3"], "'X': numbers stand apart here, as in 0.3 0.3 0.3, got 0.3,0.3,0.3"),
+        (
+            ["ik", "mh12", "--target", "1", "0", "0"],
+            "--target; the target stands behind the arm, as X Y Z; see: pieper ik",
+        ),
+        (["reach", "mh12", "--target", "1", "0", "0"], "--target; the target stands behind the arm"),
         (["fk", "mh12", "--sede", "3"], "No such option: --sede"),
         (["fk", "mh12", "-x"], "No such option: -x"),
         (["fk", "mh12", "1", "2"], "yaskawa_mh12 has 6 joints (joint_1_s, "),

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 import pieper
-from pieper.errors import ArrayError, PieperError, UnknownNameError
+from pieper.errors import ArrayError, DescriptionError, PieperError, UnknownNameError
 from pieper.ik.solve import solve
+from pieper.model import dh, poe, symbolic
+from pieper.model.urdf import as_urdf
 from pieper.spatial import pose, rotation
 from tests.migration.page import COMPLAINTS, code_of, rows_of, sections
 
@@ -117,6 +119,33 @@ def test_options_of_other_packages_are_told_those_of_this_one(name: str) -> None
 def test_an_arm_where_a_chain_belongs_is_told() -> None:
     with pytest.raises(ArrayError, match=r"chain must be a Chain, as `arm.chain` is one, got Arm"):
         solve(ARM, T)
+
+
+@pytest.mark.parametrize("reads", [dh.as_dh, poe.as_screws, symbolic.end_effector])
+def test_an_arm_where_a_chain_is_written_down_is_told(reads: Any) -> None:
+    with pytest.raises(ArrayError, match=r"chain must be a Chain, as `arm.chain` is one, got Arm"):
+        reads(ARM)
+
+
+def test_an_arm_where_a_urdf_is_written_is_told() -> None:
+    with pytest.raises(DescriptionError, match=r"Arm: robot: expected a Chain or a Description, as `arm.chain` and"):
+        as_urdf(ARM)
+
+
+def test_a_word_for_the_redundancy_is_told_how_it_is_given() -> None:
+    iiwa = pieper.load("kuka_iiwa14")
+    with pytest.raises(
+        ArrayError, match=r"values of the redundancy must be numbers, or .* as \{'swivel': 0.3\}, got 'swivel'"
+    ):
+        iiwa.ik(iiwa.fk([0.1] * 7), redundancy="swivel")
+
+
+def test_a_frame_that_mirrors_is_told_so_and_not_called_rounded() -> None:
+    with pytest.raises(
+        ArrayError, match=r"rotation block of T_base_tip must be a rotation: it mirrors .*turn one of them round"
+    ) as told:
+        ARM.ik(np.diag([1.0, 1.0, -1.0, 1.0]))
+    assert "rounding" not in str(told.value)
 
 
 def test_a_joint_to_lock_is_named_not_counted() -> None:

@@ -259,6 +259,25 @@ def test_a_missing_mesh_is_told_and_the_chain_is_used(tmp_path: Path) -> None:
     assert model.names[0] == "base"
 
 
+def test_moving_links_that_nothing_could_notice_are_told() -> None:
+    solid = URDF.format('<box size="0.2 0.2 0.2"/>')
+    whole = pieper.load(solid, tip="hand")
+    CollisionModel(whole)  # no warning
+    start, end = solid.index('<link name="hand">'), solid.index('<joint name="a"')
+    bare = solid[:start] + '<link name="hand"/><link name="finger"/>\n' + solid[end:]
+    with pytest.warns(
+        PieperWarning, match="no collision geometry for hand, finger of 'r': nothing notices what they touch; give"
+    ):
+        CollisionModel(pieper.load(bare, tip="hand"))
+    drawn = solid.replace("<collision>", "<visual>", 1).replace("</collision>", "</visual>", 1)
+    with pytest.warns(PieperWarning, match="no collision geometry for arm of 'r': nothing notices what it touches"):
+        CollisionModel(pieper.load(drawn, tip="hand"))
+    empty = (
+        solid[: solid.index('<link name="arm">')] + '<link name="arm"/>' + solid[solid.index('<link name="hand">') :]
+    )
+    CollisionModel(pieper.load(empty, tip="hand"))  # a frame between two axes, not drawn: no warning
+
+
 def test_a_mesh_of_the_world_is_its_surface(tmp_path: Path) -> None:
     file = stl(tmp_path / "cube.stl", 1.0)
     item = Item("cube", Mesh("cube.stl", np.ones(3), str(file)), at(2.0, 0.0, 0.5))

@@ -55,6 +55,7 @@ if TYPE_CHECKING:
 DONE, NOT_REACHED, BAD_INPUT, MISSING_PACKAGE, FAULT, INTERRUPTED = 0, 1, 2, 3, 4, 130
 
 _NEGATIVE_NUMBER = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|-(inf|nan)", re.IGNORECASE)
+_NUMBERS_WITH_COMMAS = re.compile(r"[-+0-9.eE]+(,[-+0-9.eE]+)+")
 _UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # typer exports the child alone
 
 app = typer.Typer(
@@ -182,17 +183,17 @@ def _run(typed: list[str]) -> int:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return DONE
         except Exception as error:  # noqa: BLE001  a script must not take a crash for "not reached"
-            return complain(type(error).__name__, *_what_is_wrong(error))
+            return complain(type(error).__name__, *_what_is_wrong(error, words))
         except KeyboardInterrupt:
             return complain("Interrupted", "interrupted", INTERRUPTED)
 
 
-def _what_is_wrong(error: Exception) -> tuple[str, int]:
-    """An error in a sentence, and the exit code."""
+def _what_is_wrong(error: Exception, words: Sequence[str]) -> tuple[str, int]:
+    """An error in a sentence, and the exit code; `words` is what was typed."""
     if isinstance(error, typer.Abort):
         return "interrupted", INTERRUPTED
     if isinstance(error, _UsageError):
-        return _usage(error), BAD_INPUT
+        return _usage(error, words), BAD_INPUT
     if isinstance(error, MissingExtraError | MissingLibraryError):
         return str(error), MISSING_PACKAGE
     if isinstance(error, UnicodeEncodeError):
@@ -204,12 +205,17 @@ def _what_is_wrong(error: Exception) -> tuple[str, int]:
     return "this is a fault in pieper; please report it with the lines above", FAULT
 
 
-def _usage(error: Exception) -> str:
+def _usage(error: Exception, words: Sequence[str]) -> str:
     """What is wrong with the arguments, and where to look."""
     context = getattr(error, "ctx", None)
     command = "pieper VERB" if context is None or context.parent is None else context.command_path
     text = str(getattr(error, "format_message", lambda: error)()).strip()
     text = text.replace(": Value error, ", ": ").replace(": Input should be ", ": it must be ")
+    commas = next((word for word in words if _NUMBERS_WITH_COMMAS.fullmatch(word)), None)
+    if commas is not None and "valid number" in text:
+        text = f"{text.partition(':')[0]}: numbers stand apart here, as in {' '.join(commas.split(','))}, got {commas}"
+    elif "No such option: --target" in text and command in ("pieper ik", "pieper reach"):
+        text = "No such option: --target; the target stands behind the arm, as X Y Z"
     return f"{text.rstrip('.')}; see: {command} --help"
 
 

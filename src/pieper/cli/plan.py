@@ -144,7 +144,7 @@ def _print(robot: Arm, found: Plan, motion: Trajectory | None) -> None:
     if found.found:
         out.print(f"found  {found}", style="green", markup=False, soft_wrap=True)
         out.print(
-            f"       {found.edges} edges and {found.states} states looked at; at least {1e3 * found.kept:.3g} mm kept all along",
+            f"       {found.edges} edge{'' if found.edges == 1 else 's'} and {found.states} states looked at; at least {1e3 * found.kept:.3g} mm kept all along",
             markup=False,
             soft_wrap=True,
         )

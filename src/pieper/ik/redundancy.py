@@ -131,6 +131,10 @@ def solve_redundant(
         if len(values) != 1:
             raise ArrayError(f"values must name one joint or 'swivel', got {len(values)} names: {', '.join(values)}")
         ((name, given),) = values.items()
+    elif isinstance(values, str):
+        raise ArrayError(
+            f"values of the redundancy must be numbers, or a mapping of one name to numbers as {{{values!r}: 0.3}}, got {values!r}"
+        )
     else:
         given = values
     words = "values" if name is None else f"values of {name!r}"

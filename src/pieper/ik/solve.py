@@ -5,10 +5,10 @@ from __future__ import annotations
 import inspect
 from typing import TYPE_CHECKING, Any
 
-from pieper.errors import ArrayError, unknown_name
+from pieper.errors import unknown_name
 from pieper.ik.prepared import prepared
 from pieper.ik.solver import Solver
-from pieper.model.chain import Chain
+from pieper.model._chain_check import check_chain
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from pieper.ik.solutions import IKSolutions
     from pieper.ik.target import Target
+    from pieper.model.chain import Chain
 
 
 def solver(chain: Chain) -> Solver:
@@ -27,8 +28,7 @@ def solver(chain: Chain) -> Solver:
     ArrayError
         What is given is no Chain.
     """
-    if not isinstance(chain, Chain):
-        raise ArrayError(f"chain must be a Chain, as `arm.chain` is one, got {type(chain).__name__}")
+    check_chain(chain)
     return prepared(chain, "solver", None, lambda: Solver(chain))
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from pieper.errors import ArrayError, DhError, PieperWarning
+from pieper.model._chain_check import check_chain
 from pieper.model._dh_pose import move_x, turn_z
 from pieper.model._dh_table import CONVENTIONS, Convention, DhRow, DhTable, JointType
 
@@ -49,7 +50,7 @@ def as_dh(chain: Chain, *, convention: Convention = "standard", signs: Sequence[
     Raises
     ------
     ArrayError
-        ``signs`` is not m numbers +1 or -1.
+        ``signs`` is not m numbers +1 or -1, or what is given is no chain.
     DhError
         Unknown convention.
 
@@ -79,6 +80,7 @@ def as_dh(chain: Chain, *, convention: Convention = "standard", signs: Sequence[
     >>> [row.a for row in table.rows]
     [0.0, 0.425, 0.3922, 0.0, 0.0, 0.0]
     """
+    check_chain(chain)
     if convention not in CONVENTIONS:
         raise DhError(chain.name, "convention", f"must be one of {', '.join(CONVENTIONS)}, got {convention!r}")
     walk = _Walk(chain, signs, tilted=convention == "hayati")

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pieper.errors import ArrayError
+from pieper.model._chain_check import check_chain
 from pieper.model.chain import Chain, default_joint_names
 from pieper.spatial.twist import adjoint
 
@@ -220,7 +221,7 @@ def as_screws(
     Raises
     ------
     ArrayError
-        Unknown ``frame``.
+        Unknown ``frame``, or no chain.
 
     Examples
     --------
@@ -229,6 +230,7 @@ def as_screws(
     >>> screws[1].tolist()  # joint_2_l turns about y, through (0.155, 0, 0.45)
     [-0.45, 0.0, 0.155, 0.0, 1.0, 0.0]
     """
+    check_chain(chain)
     if frame not in ("space", "body"):
         raise ArrayError(f"frame must be 'space' or 'body', got {frame!r}")
     screws = chain.screws.copy()

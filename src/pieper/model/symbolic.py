@@ -24,6 +24,7 @@ import numpy as np
 
 from pieper.atomic_file import write_text
 from pieper.errors import ArrayError, DescriptionError, MissingExtraError
+from pieper.model._chain_check import check_chain
 from pieper.model._exact_pose import Product, exact_angle, exact_length
 from pieper.model._formula_parser import RESERVED, FormulaParser
 from pieper.model.dh import as_dh
@@ -111,6 +112,8 @@ def end_effector(chain: Chain) -> SymbolicPose:
 
     Raises
     ------
+    ArrayError
+        What is given is no chain.
     MissingExtraError
         SymPy is not installed.
 
@@ -121,6 +124,7 @@ def end_effector(chain: Chain) -> SymbolicPose:
     >>> end_effector(planar).matrix[0, 3]
     3*cos(a)/10 + cos(a + b)/4
     """
+    check_chain(chain)
     sympy = _sympy("formulas of the forward kinematics")
     symbols = _symbol_names(chain.joint_names)
     q = [sympy.Symbol(name) for name in symbols]

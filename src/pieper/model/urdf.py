@@ -110,6 +110,8 @@ def as_urdf(robot: Chain | Description) -> str:
     UrdfError
         The chain has an axis that depends on several joints, a name holds a character that XML cannot carry, or a
         number is so large that `from_urdf` would refuse it.
+    DescriptionError
+        What is given is neither.
 
     Notes
     -----
@@ -137,4 +139,8 @@ def as_urdf(robot: Chain | Description) -> str:
             raise
         except DescriptionError as fault:
             raise UrdfError(fault.source, fault.element, fault.reason) from None
+    if not isinstance(robot, Description):
+        raise DescriptionError(
+            type(robot).__name__, "robot", "expected a Chain or a Description, as `arm.chain` and `arm.description` are"
+        )
     return UrdfWriter(robot).text()

@@ -50,7 +50,9 @@ class LinkSolid:
 def solids_of_description(chain: Chain, description: Description) -> tuple[LinkSolid, ...] | None:
     """The collision geometry that a description gives the links of a chain.
 
-    With that of links which hang on them beside the chain, such as fingers, whose joints are held at 0 or the limit nearest to it.
+    With that of links which hang on them beside the chain, such as fingers, whose joints are held at 0 or the limit nearest to it. Some links
+    have none by right, such as frames between two axes that cross. Where one that moves is drawn and has none, or where all links from a joint to
+    the tip have none, it would pass through everything unseen; a warning names them.
 
     Parameters
     ----------
@@ -73,6 +75,14 @@ def solids_of_description(chain: Chain, description: Description) -> tuple[LinkS
             stacklevel=2,
         )
         return None
+    unseen = _unseen(chain, description, {each.link for each in described}) if described else []
+    if unseen:
+        warnings.warn(
+            f"no collision geometry for {', '.join(unseen)} of {chain.name!r}: nothing notices what {'it touches' if len(unseen) == 1 else 'they touch'}; "
+            "give <collision> in the description, or take the solids made from the joints, CollisionModel(arm.chain)",
+            PieperWarning,
+            stacklevel=2,
+        )
     return described or None
 
 
@@ -99,26 +109,37 @@ def _plain(solid: shape.Solid) -> Geometry:
 
 
 def _described(chain: Chain, description: Description) -> Iterator[LinkSolid]:
+    for name, link, T_first_link in _placed(chain, description):
+        for collision in description.link(name).collisions:
+            yield LinkSolid(link, name, collision.geometry, T_first_link @ collision.T_link_shape)
+
+
+def _unseen(chain: Chain, description: Description, solid: set[int]) -> list[str]:
+    """Links that move, and to which no solid is fixed although they are drawn, or although nothing solid comes after them."""
+    return [
+        name
+        for name, link, _ in _placed(chain, description)
+        if link not in solid and link > 0 and (description.link(name).visuals or link > max(solid))
+    ]
+
+
+def _placed(chain: Chain, description: Description) -> Iterator[tuple[str, int, FloatArray]]:
+    """Each link of the chain, and each that hangs on it: its name, how many axes move it, and where it lies among them."""
     known = {link.name for link in description.links}
     on_chain = {frame.name for frame in chain.frames}
     for frame in chain.frames:
         if frame.name not in known:
             continue
         T_first_link = np.linalg.inv(chain.frame(frame.after).home) @ frame.home
-        yield from _of_link(description, frame.name, frame.after, T_first_link)
+        yield frame.name, frame.after, T_first_link
         waiting = [(joint, T_first_link) for joint in description.joints_below(frame.name)]
         while waiting:
             joint, T_first_parent = waiting.pop()
             if joint.child in on_chain:
                 continue
             T = T_first_parent @ joint.T_parent_joint @ _moved(joint)
-            yield from _of_link(description, joint.child, frame.after, T)
+            yield joint.child, frame.after, T
             waiting += [(below, T) for below in description.joints_below(joint.child)]
-
-
-def _of_link(description: Description, name: str, link: int, T_first_link: FloatArray) -> Iterator[LinkSolid]:
-    for collision in description.link(name).collisions:
-        yield LinkSolid(link, name, collision.geometry, T_first_link @ collision.T_link_shape)
 
 
 def _moved(joint: Joint) -> FloatArray:

@@ -124,6 +124,10 @@ def _require_rotations(R: FloatArray, name: str, repair: str) -> None:
     if wrong.any():
         first = tuple(int(i) for i in np.argwhere(wrong)[0])
         place = f" at index {first}" if first else ""
+        if orthogonality[first] <= ROTATION_TOLERANCE:
+            raise ArrayError(
+                f"{name} must be a rotation: it mirrors{place} (its determinant is -1); its axes make a left-handed frame, turn one of them round"
+            )
         raise ArrayError(
             f"{name} must be a rotation: R R^T deviates from the identity by {orthogonality[first]:.3g}{place} "
             f"(allowed {ROTATION_TOLERANCE:g}) and its determinant is {determinant[first]:.3g}; "
