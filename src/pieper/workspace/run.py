@@ -9,9 +9,7 @@ Any `concurrent.futures.Executor` will do. `Here` works in this process, `Proces
 from __future__ import annotations
 
 import concurrent.futures as futures
-import multiprocessing
 import pickle
-import signal
 import threading
 import time
 from collections import deque
@@ -21,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from pieper._native import kernels
 from pieper._version import __version__
 from pieper.errors import MapError, MissingExtraError
+from pieper.workspace._quiet_process import QuietContext, leave_ctrl_c_alone
 from pieper.workspace.grid import whole
 from pieper.workspace.measure import Measurer
 from pieper.workspace.store import Memory
@@ -131,8 +130,7 @@ class Processes:
     def open(self) -> futures.Executor:
         """Fresh processes, which leave Ctrl-C to this one."""
         self.close()
-        context = multiprocessing.get_context("spawn")
-        self._pool = futures.ProcessPoolExecutor(self.count, mp_context=context, initializer=_leave_ctrl_c_alone)
+        self._pool = futures.ProcessPoolExecutor(self.count, mp_context=QuietContext(), initializer=leave_ctrl_c_alone)
         return self._pool
 
     def close(self) -> None:
@@ -425,7 +423,3 @@ def _measurer(packed: bytes) -> Measurer:
 def _who() -> tuple[str, list[str]]:
     """What a worker is."""
     return __version__, list(kernels.instruction_sets())
-
-
-def _leave_ctrl_c_alone() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
