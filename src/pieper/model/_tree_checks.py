@@ -154,6 +154,10 @@ def _near(name: str, known: Iterable[str]) -> str:
     return "did you mean " + " or ".join(repr(n) for n in near) + "?" if near else f"there are: {_listed(names)}"
 
 
-def _listed(names: Sequence[str], most: int = 8) -> str:
-    shown = ", ".join(repr(name if len(name) <= 80 else name[:77] + "...") for name in names[:most])
-    return shown + (f" and {len(names) - most} more" if len(names) > most else "")
+def first_of(texts: Sequence[str], most: int) -> str:
+    """The first of some texts in a row, and how many more there are."""
+    return ", ".join(texts[:most]) + (f" and {len(texts) - most} more" if len(texts) > most else "")
+
+
+def _listed(names: Sequence[str]) -> str:
+    return first_of([repr(name if len(name) <= 80 else name[:77] + "...") for name in names], 8)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pieper.errors import DescriptionError, PieperWarning, UrdfError
+from pieper.model._tree_checks import first_of
 from pieper.model.description import (
     JOINT_TYPES,
     MAX_NAME,
@@ -92,27 +93,22 @@ class UrdfReader:
     def warn(self) -> None:
         if self.missing:
             named = [f"{_short(mesh)} of link {link!r}" for mesh, link in self.missing.items()]
-            more = f" and {len(named) - 5} more" if len(named) > 5 else ""
             warnings.warn(
-                f"{self.source}: mesh not found: {', '.join(named[:5])}{more}; kinematics works without it, to draw or "
+                f"{self.source}: mesh not found: {first_of(named, 5)}; kinematics works without it, to draw or "
                 "simulate the robot give the folders of its packages, packages=[...], or set ROS_PACKAGE_PATH",
                 PieperWarning,
                 stacklevel=3,
             )
         if self.massive:
-            named = [repr(name) for name in self.massive]
-            more = f" and {len(named) - 8} more" if len(named) > 8 else ""
             warnings.warn(
-                f"{self.source}: a mass without <inertia> in link {', '.join(named[:8])}{more}; its inertial is left out, "
+                f"{self.source}: a mass without <inertia> in link {first_of([repr(name) for name in self.massive], 8)}; its inertial is left out, "
                 "kinematics works without it",
                 PieperWarning,
                 stacklevel=3,
             )
         if self.unlimited:
-            named = [repr(name) for name in self.unlimited]
-            more = f" and {len(named) - 8} more" if len(named) > 8 else ""
             warnings.warn(
-                f"{self.source}: no lower or no upper limit for joint {', '.join(named[:8])}{more}; "
+                f"{self.source}: no lower or no upper limit for joint {first_of([repr(name) for name in self.unlimited], 8)}; "
                 "taken as unlimited on that side",
                 PieperWarning,
                 stacklevel=3,

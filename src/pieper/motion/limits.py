@@ -9,6 +9,7 @@ import numpy as np
 
 from pieper.errors import ArrayError, MotionError
 from pieper.kinematics.joints import as_joints
+from pieper.model._chain_check import check_chain
 from pieper.motion import polynomial
 from pieper.spatial._checks import FloatArray, stack
 
@@ -95,8 +96,7 @@ class JointLimits:
         >>> limits.velocity.round(2)
         array([3.84, 3.49, 3.84, 4.  , 4.  , 4.  ])
         """
-        if not hasattr(chain, "max_velocity"):
-            raise ArrayError(f"chain must be a Chain, as `arm.chain` is one, got {type(chain).__name__}")
+        check_chain(chain)
         described = np.where(
             np.isfinite(chain.max_velocity),
             chain.max_velocity,
